@@ -1,0 +1,105 @@
+"""The heat balance C dh/dt = Q of a scene: capacities, resistances, sites and ledger.
+
+The state is the enthalpy rise h of every cell over rho c (K above ambient; the temperature rise
+itself while rho c is constant), followed by the ledger: energies (J per metre across) that the
+same integrator carries along, so that the audit shares every step with the temperatures.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from flashtemp import kernels
+from flashtemp.laws import Laws
+from flashtemp.scene import Scene
+
+LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
+
+
+class Balance:
+    """Static part: capacities, resistances, sites and ledger of a scene."""
+
+    def __init__(self, scene: Scene):
+        self.scene, mesh = scene, scene.mesh
+        self.laws = Laws(scene)
+        self.n = mesh.n_cells
+        rc = np.empty(self.n)
+        k = np.empty(self.n)
+        rc[mesh.block], k[mesh.block] = scene.block.volumetric_capacity, scene.block.conductivity
+        rc[mesh.road], k[mesh.road] = scene.road.volumetric_capacity, scene.road.conductivity
+        self.capacity = rc * mesh.volume
+        self.half_x = mesh.width / (2 * k * mesh.thickness)
+        self.half_z = mesh.thickness / (2 * k * mesh.width)
+        self.gx, self.gz = np.empty(self.n), np.empty(self.n)
+        self.ones = np.ones(self.n)
+        kernels.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, self.ones, self.gx, self.gz)
+        self.g_in = 1.0 / self.half_x[: mesh.n_road]
+        faces = mesh.x[1:]
+        back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
+        self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
+        self.dz_road = mesh.thickness[: mesh.n_road]
+        self.cell_block, self.cell_road = mesh.block[:, 0].copy(), mesh.road[mesh.first : mesh.last, -1].copy()
+        self.half_block = mesh.thickness[self.cell_block] / (2 * scene.block.conductivity)
+        self.half_road = mesh.thickness[self.cell_road] / (2 * scene.road.conductivity)
+        self._deposits()
+        sites = list(self.laws.films)
+        parts = [mesh.patches[s] for s in sites]
+        self.sites = sites
+        self.site_offset = np.cumsum([0] + [len(c) for c, _, _ in parts]).astype(np.int64)
+        join = lambda i: np.concatenate([p[i] for p in parts]) if parts else np.empty(0)  # noqa: E731
+        self.site_cell, self.site_area = join(0).astype(np.int64), join(1).astype(float)
+        half = join(2).astype(float)
+        self.site_half = half / k[self.site_cell] if len(half) else half
+        names = {part.to for entries in self.laws.films.values() for part, _, _ in entries}
+        names |= {part.to for part, _, _ in self.laws.patches + self.laws.zones}
+        self.ledger = LEDGER + tuple(sorted(names | {"air", "holder"}))
+        self.entry = {name: self.n + i for i, name in enumerate(self.ledger)}
+        self.size = self.n + len(self.ledger)
+
+    def _deposits(self) -> None:
+        """Exact cell means of the decaying sources, eq. (7); power beyond the holder is kept."""
+        edges = self.scene.mesh.height
+        parts = [d for d in self.laws.deposits if d.share > 0]
+        self.volumetric = parts
+        self.weight = np.zeros(self.scene.mesh.n_block)
+        for d in parts:
+            inside = -np.diff(np.exp(-edges / d.depth))
+            self.weight += d.share * inside / inside.sum()
+        self.surface_share = 1.0 - sum(d.share for d in parts)
+        used = np.flatnonzero(self.weight > 1e-18)
+        self.weight = self.weight[: used[-1] + 1].copy() if len(used) else self.weight[:0].copy()
+        self.deep_cells = np.ascontiguousarray(self.scene.mesh.block[:, : len(self.weight)])
+
+    @cached_property
+    def nonlinear_conductivity(self) -> bool:
+        return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
+
+    @cached_property
+    def capacity_slope(self) -> np.ndarray | None:
+        """Slope of rho c with temperature (cells,) in 1/K, or None where it is constant."""
+        if not (self.laws.has("block.capacity_slope") or self.laws.has("road.capacity_slope")):
+            return None
+        slope = np.zeros(self.n)
+        slope[self.scene.mesh.block] = self.laws("block.capacity_slope", 0.0, None, None)
+        slope[self.scene.mesh.road] = self.laws("road.capacity_slope", 0.0, None, None)
+        return slope
+
+    def rise(self, h: np.ndarray) -> np.ndarray:
+        """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
+        if self.capacity_slope is None:
+            return h
+        return 2 * h / (1 + np.sqrt(1 + 2 * self.capacity_slope * h))
+
+    def enthalpy(self, rise: np.ndarray) -> np.ndarray:
+        """Inverse of `rise`."""
+        if self.capacity_slope is None:
+            return rise
+        return rise * (1 + 0.5 * self.capacity_slope * rise)
+
+    def stored(self, y: np.ndarray) -> tuple[float, float]:
+        """Heat in block and in road lanes above ambient, J per metre across."""
+        E = self.capacity * y[: self.n]
+        mesh = self.scene.mesh
+        return float(E[mesh.block].sum()), float(E[mesh.road].sum())

@@ -1,0 +1,255 @@
+"""case.toml -> Case: every key declared, every fault named with file, line, value and remedy."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from flashtemp import cvode, keys
+from flashtemp.effect import catalogue
+from flashtemp.errors import BadInput, nearest
+from flashtemp.march import Settings
+from flashtemp.material import LIBRARY, Material
+from flashtemp.meshes import block_on_road
+from flashtemp.scene import KELVIN, Acting, Scene
+from flashtemp.schedule import Schedule, Series, constant
+from flashtemp.tables import pairs
+
+
+@dataclass(frozen=True)
+class Case:
+    """A validated case: `values` {table: {key: value}} with every default, and where it came from.
+
+    `folder` is where relative file names are looked up.
+    """
+
+    title: str
+    values: dict[str, dict[str, Any]]
+    effects: tuple[str, ...]
+    folder: Path
+    name: str = "case"
+    candidates: tuple[str, ...] | None = None
+    free: tuple[str, ...] = ("friction.mu",)
+
+    def __getitem__(self, dotted: str) -> Any:
+        """Value of "table.key"."""
+        table, key = dotted.split(".", 1)
+        return self.values[table][key]
+
+    def files(self) -> dict[str, str]:
+        """Dotted keys whose value is the name of a file, with that name."""
+        return {
+            f"{t}.{k}": v
+            for t, table in self.values.items()
+            for k, v in table.items()
+            if isinstance(v, str) and "text" in keys.declared(t).get(k, keys.NOTHING).kinds
+        }
+
+    def toml(self, rename: dict[str, str] | None = None) -> str:
+        """The effective case as TOML that gives the same run again."""
+        import tomli_w
+
+        out: dict[str, Any] = {"title": self.title, "effects": list(self.effects), "free": list(self.free)}
+        if self.candidates is not None:
+            out["candidates"] = list(self.candidates)
+        for table, values in self.values.items():
+            kept = {k: v for k, v in values.items() if v is not None}
+            for k in kept:
+                kept[k] = (rename or {}).get(f"{table}.{k}", kept[k])
+            if kept:
+                out[table] = kept
+        return tomli_w.dumps(out)
+
+    def __str__(self) -> str:
+        return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{build(self)}"
+
+
+def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
+    """Read a case folder or .toml file, with overrides {"table.key": value} or ["table.key=value"].
+
+    Raises BadInput with all faults at once, one line each.
+    """
+    path = Path(path)
+    file = path / "case.toml" if path.is_dir() else path
+    if not file.is_file():
+        raise BadInput(f"{path}: no such case; give a folder with a case.toml or a .toml file")
+    text = file.read_text(encoding="utf-8")
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        raise BadInput(f"{file}: not valid TOML: {fault}; repair that line") from fault
+    given = keys.parse_overrides(overrides)
+    name = path.name if path.is_dir() else (file.parent.name if file.name == "case.toml" else file.stem)
+    return assemble(raw, given, keys.Places(str(file), text, set(given)), file.parent, name)
+
+
+def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path, name: str) -> Case:
+    """Check raw tables and overrides against the declared keys and fill in the defaults."""
+    faults: list[str] = []
+    raw = keys.merge(raw, given)
+    effects = keys.names(raw, "effects", [n for n, e in catalogue().items() if not e.base], where, faults) or ()
+    candidates = keys.names(raw, "candidates", catalogue(), where, faults)
+    tables = keys.tables(raw, effects)
+    for table in raw:
+        if table not in tables and table not in ("title", "effects", "candidates", "free"):
+            if table in catalogue() and not catalogue()[table].base:
+                faults.append(f'{where(table)}: table of an effect that is not listed; add "{table}" to effects')
+            else:
+                faults.append(
+                    f"{where(table)}: unknown key{nearest(table, list(tables) + ['title', 'effects', 'free'])}"
+                )
+    values = {t: keys.check(t, declared, raw.get(t, {}), where, faults) for t, declared in tables.items()}
+    free = raw.get("free", ["friction.mu"])
+    known = [f"{t}.{k}" for t, d in tables.items() for k, p in d.items() if "number" in p.kinds]
+    for key in free if isinstance(free, list) else []:
+        if key not in known:
+            faults.append(f"{where('free')}: '{key}' is not a parameter of this case{nearest(str(key), known)}")
+    if not isinstance(raw.get("title", ""), str) or not isinstance(free, list):
+        faults.append(f'{where("title")}: title is text and free a list of "table.key"')
+    if faults:
+        raise BadInput(*faults)
+    case = Case(raw.get("title", name), values, tuple(effects), folder, name, candidates, tuple(free))
+    try:
+        build(case)
+    except BadInput as fault:
+        raise BadInput(*(where.prefix(line) for line in fault.lines)) from fault
+    return case
+
+
+def build(case: Case) -> Scene:
+    """The scene of a case: mesh, materials, schedule and acting effects.  Raises BadInput."""
+    v = SimpleNamespace(
+        **{
+            t: SimpleNamespace(**d)
+            for t, d in case.values.items()
+            if t in keys.TABLES or t in ("contact", "friction", "ambient")
+        }
+    )
+    materials = {side: _material(case, f"{side}.material", getattr(v, side).material) for side in ("block", "road")}
+    acting = []
+    for name, effect in catalogue().items():
+        if effect.base or name in case.effects:
+            section = case.values[effect.section if effect.base else name]
+            mine = {k: section[k] for k in effect.params()}
+            acting.append(Acting(name, effect(), SimpleNamespace(**effect.prepare(mine, case.folder))))
+    speed = _series(case, "schedule.speed", low=0.0)
+    pressure = _series(case, "contact.pressure", low=0.0)
+    remembers = any(getattr(c, "target", "") == "road.inflow" for a in acting for c in _safe(a, v, materials, case))
+    schedule = Schedule(
+        speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
+        lap=v.road.track_length if remembers else None,
+    )  # fmt: skip
+    if not math.isfinite(schedule.slide_time):
+        raise BadInput(
+            f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; give a speed that stays > 0"
+        )
+    mesh = _mesh(case, v, materials["road"], schedule, remembers)
+    if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
+        raise BadInput(
+            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block ({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
+        )
+    return Scene(
+        mesh=mesh,
+        block=materials["block"],
+        road=materials["road"],
+        schedule=schedule,
+        acting=tuple(acting),
+        ambient=v.ambient.temperature + KELVIN,
+        length=v.block.length,
+        height=v.block.height,
+        width=v.block.width,
+        spot_diameter=v.contact.spot_diameter,
+        track_length=v.road.track_length,
+    )
+
+
+def settings(case: Case) -> Settings:
+    """Numerics of a case; BadInput when its CVODE binding is not installed."""
+    n, out = case.values["numerics"], case.values["output"]
+    return Settings(cvode.choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"])
+
+
+def _safe(acting, v, materials, case):
+    """Contributions of one effect on a scene without mesh, to ask what it speaks about."""
+    scene = SimpleNamespace(
+        length=v.block.length, width=v.block.width, height=v.block.height, spot_diameter=v.contact.spot_diameter,
+        ambient=v.ambient.temperature + KELVIN, **materials,
+    )  # fmt: skip
+    return acting.contributions(scene)
+
+
+def _material(case: Case, key: str, name: str) -> Material:
+    own = {t.split(".", 1)[1]: d for t, d in case.values.items() if t.startswith("materials.")}
+    if name in own:
+        return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
+    if name in LIBRARY:
+        return LIBRARY[name]
+    known = list(own) + list(LIBRARY)
+    raise BadInput(
+        f"{key}: no material '{name}'{nearest(name, known)} known: {', '.join(known)}; or add [materials.{name}]"
+    )
+
+
+def _series(case: Case, key: str, low: float) -> Series:
+    value = case[key]
+    if isinstance(value, (int, float)):
+        return constant(value)
+    x, y = pairs(value, case.folder, key, low)
+    if x[0] < 0:
+        raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
+    if max(y) <= 0:
+        raise BadInput(f"{key}: is zero throughout; give values > 0")
+    return Series(x, y)
+
+
+def _mesh(case: Case, v, road: Material, schedule: Schedule, remembers: bool):
+    level = v.numerics.mesh
+    refine = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}.get(level, level)
+    shallow = [d for s, d in case.values["friction"]["spectrum"] or [] if s > 0]
+    if case["friction.volumetric_share"] > 0 and not shallow:
+        shallow = [case["friction.depth"]]
+    first = v.numerics.first_block
+    if first is None:
+        first = max(2e-7, min([4e-6] + [d / 2 for d in shallow]))
+    if shallow and first / max(refine, 1e-9) > 4 * min(shallow):
+        raise BadInput(
+            f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "
+            f"{min(shallow):.3g} m; give <= {2 * min(shallow):.3g} m or count that share as interfacial"
+        )
+    if first > v.block.height / 4:
+        raise BadInput(
+            f"numerics.first_block: {first:g} m is more than a quarter of block.height; give a smaller first cell"
+        )
+    if v.numerics.first_x > v.block.length / 4:
+        raise BadInput(
+            f"numerics.first_x: {v.numerics.first_x:g} m is more than a quarter of block.length; give a smaller first cell"
+        )
+    depth = v.road.depth
+    if depth is None:
+        v0 = min(s for s in schedule.speed.value if s > 0)
+        rest = schedule.end if remembers or not schedule.lifted else schedule.wait
+        depth = 6 * math.sqrt(road.diffusivity * ((v.block.length + v.road.downstream) / v0 + rest))
+        depth = float(np.clip(depth, 1e-3, 0.2))
+    if v.numerics.first_road > depth / 4:
+        raise BadInput(
+            f"numerics.first_road: {v.numerics.first_road:g} m is more than a quarter of the road's depth; give a smaller first cell"
+        )
+    return block_on_road.build(
+        length=v.block.length,
+        height=v.block.height,
+        depth=depth,
+        cells=tuple(v.numerics.cells),
+        first_x=v.numerics.first_x,
+        last_x=v.numerics.last_x,
+        first_block=first,
+        first_road=v.numerics.first_road,
+        upstream=v.road.upstream,
+        downstream=v.road.downstream,
+        refine=refine,
+    )

@@ -1,0 +1,179 @@
+"""Everything CVODE: one small integrator seam over scikits-odes and scikit-sundae."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+
+from flashtemp.errors import BadInput, SolverFailure
+
+BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"}
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """`rtol` relative, `atol` (size,) absolute in K (and J/m); `order` the highest BDF order."""
+
+    rtol: float
+    atol: np.ndarray
+    order: int = 5
+    first_step: float = 0.0
+    max_step: float = 0.0
+
+
+def available() -> list[str]:
+    """Bindings installed on this machine, the preferred one first."""
+    return [name for name, module in BINDINGS.items() if find_spec(module)]
+
+
+def choose(name: str | None) -> str:
+    """The binding to use; BadInput when the one asked for is not installed."""
+    have = available()
+    if name in (None, "auto"):
+        if not have:
+            raise BadInput("numerics.integrator: no CVODE binding is installed; pip install scikit-sundae")
+        return have[0]
+    if name not in have:
+        what = " or ".join(f'"{h}"' for h in have)
+        raise BadInput(f'numerics.integrator: "{name}" is not installed here; use {what}')
+    return name
+
+
+class Integrator:
+    """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
+
+    `rate(t, y, out)`, `setup(t, y, gamma, fresh)` and `solve(r, z)` are the system and its
+    preconditioner.  A failing callback's own error is raised, not CVODE's.
+    """
+
+    def __init__(self, binding: str, rate: Callable, setup: Callable, solve: Callable, tol: Tolerance):
+        self._fault: Exception | None = None
+        self.steps = 0
+        make = _odes if binding == "scikits-odes" else _sundae
+        self._start, self._advance, self._interpolate = make(
+            self._guard(rate), self._guard(setup), self._guard(solve), tol
+        )
+
+    def _guard(self, callback):
+        def call(*args):
+            if self._fault is not None:
+                raise self._fault
+            try:
+                return callback(*args)
+            except Exception as fault:
+                self._fault = fault
+                raise
+
+        return call
+
+    def start(self, t: float, y: np.ndarray, stop: float) -> None:
+        """Begin at (t, y); the integration never passes `stop`."""
+        self._start(t, y, stop)
+
+    def step(self) -> tuple[float, np.ndarray]:
+        """One internal step; returns (t, y).  SolverFailure carries CVODE's own reason."""
+        try:
+            t, y, reason = self._advance()
+        except Exception as error:
+            if self._fault is not None:
+                raise self._fault from error
+            raise
+        if self._fault is not None:
+            raise self._fault
+        if reason:
+            raise SolverFailure(reason)
+        self.steps += 1
+        return t, y
+
+    def at(self, t: float) -> np.ndarray:
+        """Solution at a time within the last step."""
+        return self._interpolate(t)
+
+
+def _odes(rate, setup, solve, tol: Tolerance):
+    """scikits-odes: callbacks get copies of CVODE's vectors."""
+    from scikits_odes_sundials.cvode import CVODE, StatusEnum
+
+    def rfn(t, y, ydot):
+        rate(t, y, ydot)
+        return 0
+
+    def psetup(t, y, jok, jcur, gamma):
+        setup(t, y, gamma, not jok)
+        jcur.value = not jok
+        return 0
+
+    def psolve(t, y, r, z, gamma, delta, lr):
+        solve(r, z)
+        return 0
+
+    def make(tstop):
+        return CVODE(
+            rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
+            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, max_steps=100000,
+            first_step_size=tol.first_step, max_step_size=tol.max_step, one_step_compute=True,
+            tstop=tstop, old_api=False, maxl=20,
+        )  # fmt: skip
+
+    box = {}
+
+    def start(t, y, stop):
+        box["solver"], box["stop"] = make(stop), stop
+        box["solver"].init_step(t, y)
+        box["size"] = len(y)
+
+    def advance():
+        out = box["solver"].step(box["stop"])
+        bad = out.flag not in (StatusEnum.SUCCESS, StatusEnum.TSTOP_RETURN)
+        if bad:
+            return 0.0, None, f"CVODE: {out.message or out.flag.name}"
+        return float(out.values.t), np.array(out.values.y), ""
+
+    def interpolate(t):
+        solver = box["solver"]
+        solver.set_options(one_step_compute=False)
+        out = solver.step(t)
+        solver.set_options(one_step_compute=True)
+        return np.array(out.values.y)
+
+    return start, advance, interpolate
+
+
+def _sundae(rate, setup, solve, tol: Tolerance):
+    """scikit-sundae: callbacks share CVODE's memory."""
+    from sksundae.cvode import CVODE, CVODEPrecond
+
+    def rfn(t, y, ydot):
+        rate(t, y, ydot)
+
+    def psetup(t, y, yp, jok, jnew, gamma):
+        setup(t, y, gamma, not jok)
+        jnew[0] = 0 if jok else 1
+
+    def psolve(t, y, yp, r, z, gamma, delta, lr):
+        solve(r, z)
+
+    box = {}
+
+    def start(t, y, stop):
+        box["stop"] = stop
+        box["solver"] = CVODE(
+            rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
+            precond=CVODEPrecond(psetup, psolve, "left"), krylov_dim=20, max_num_steps=100000,
+            first_step=tol.first_step, max_step=tol.max_step,
+        )  # fmt: skip
+        box["solver"].init_step(t, y)
+
+    def advance():
+        out = box["solver"].step(box["stop"], method="onestep", tstop=box["stop"])
+        if not out.success:
+            return 0.0, None, f"CVODE: {out.message}"
+        return float(out.t), np.array(out.y), ""
+
+    def interpolate(t):
+        return np.array(box["solver"].step(t, method="normal", tstop=box["stop"]).y)
+
+    return start, advance, interpolate

@@ -1,0 +1,1 @@
+"""The catalogue: one physical or instrumental effect per file."""

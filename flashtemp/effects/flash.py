@@ -1,0 +1,83 @@
+"""Flash temperature: rubber passing through a spot is heated above its time average.
+
+>>> round(overlap(0.0), 9), round(overlap_integral(1.0), 6)
+(1.0, 1.220416)
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import erfcx
+
+from flashtemp.effect import Effect, Param, Term
+
+FULL = 1.2204156216119  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
+
+
+def overlap(w):
+    """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
+    w = np.clip(w, 0.0, 1.0)
+    return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
+
+
+@cache
+def _build_up() -> CubicSpline:
+    s = np.linspace(0.0, 1.0, 201)  # s = sqrt(w) removes the square-root start
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half = 0.5 * np.diff(s)
+    mid = 0.5 * (s[1:] + s[:-1])
+    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights)) * half
+    return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
+
+
+def overlap_integral(r):
+    """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
+    return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
+
+
+@cache
+def deep_share(kappa: float) -> float:
+    """Theta_v/Theta_s for a source decaying over depth d; kappa = sqrt(D t_spot)/d (eq. 13)."""
+    nodes, weights = np.polynomial.legendre.leggauss(120)
+    s = 0.5 * (nodes + 1)  # w = s^2
+    integral = 0.5 * np.sum(weights * 2 * s * overlap(s * s) * erfcx(kappa * s))
+    return float(kappa * integral * np.sqrt(np.pi) / FULL)
+
+
+class Flash(Effect):
+    """Excess of the temperature in a spot over the passage average, closure eqs. (12)-(13)."""
+
+    cause = "heat concentrated in spots raises the temperature there above the average"
+    source = "theory 1.4 eqs. (12)-(13), V10, V11; early transient F(r/D)"
+    tells = ("gap between spot and average temperature, growing as sqrt(v)",)
+    section = "contact"
+    base = True
+
+    flash_factor = Param(1.0, "1", "calibration factor of the flash closure", low=0.0, high=3.0, off=0.0)
+
+    def heat(self, scene, p):
+        """Flash resistance (m2 K/W) of the surface flux and of every deposit."""
+        D = scene.spot_diameter
+        rubber = scene.block
+        cap = np.pi * D / (8 * rubber.conductivity)  # a resting spot: constriction of a disc
+
+        def residence(now):
+            if now.waited > 0 or now.speed <= 0:
+                passed = D / now.last_speed if now.last_speed > 0 else 0.0
+                return min(now.contact_time, passed) + now.waited, 1.0
+            return D / now.speed, overlap_integral(now.slid / D) / FULL
+
+        def surface(T, now, p):
+            time, built = residence(now)
+            theta = FULL / np.sqrt(np.pi) * np.sqrt(time) * built / rubber.effusivity
+            return p.flash_factor * (1.0 - now.spot_fraction) * min(theta, cap)
+
+        def deep(T, now, p, depth):
+            time, _ = residence(now)
+            return deep_share(round(float(np.sqrt(rubber.diffusivity * time) / depth), 12))
+
+        yield Term("contact.flash_resistance", surface)
+        yield Term("contact.flash_share", deep)

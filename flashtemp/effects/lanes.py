@@ -1,0 +1,73 @@
+"""Heat spreads sideways out of the lane that a spot draws on the road.
+
+>>> round(float(retained(0.25, 3e-3, 1 / (2300 * 950.0))), 9)
+0.748847666
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import ive
+
+from flashtemp.effect import Effect, Factor, Param
+
+
+def retained(tau, diameter, diffusivity):
+    """R(tau): share of heat still under a disc of the given diameter, eq. (15b)."""
+    X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
+    near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
+    return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
+
+
+@cache
+def _kept(fraction: float) -> CubicSpline:
+    """K(u) = integral of max(R, phi) d(sqrt theta) over u = sqrt(theta), theta = D_S t/diameter^2."""
+    u = np.concatenate([[0.0], np.geomspace(1e-4, 30.0, 600)])
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    half, mid = 0.5 * np.diff(u), 0.5 * (u[1:] + u[:-1])
+    parts = np.zeros(len(half))
+    for n, w in zip(nodes, weights):
+        parts += w * np.maximum(retained((mid + half * n) ** 2, 1.0, 1.0), fraction)
+    return CubicSpline(u, np.concatenate([[0.0], np.cumsum(parts * half)]))
+
+
+def mean_factor(entered, left, diameter, diffusivity, fraction):
+    """Lane-mean rise over the 1D column, for heat received evenly between two ages (s), V23."""
+    scale = np.sqrt(diffusivity) / diameter
+    a = np.minimum(np.sqrt(np.maximum(left, 0.0)) * scale, 29.0)
+    b = np.minimum(np.sqrt(np.maximum(entered, 1e-12)) * scale, 30.0)
+    K = _kept(float(fraction))
+    return (K(b) - K(a)) / np.maximum(b - a, 1e-12)
+
+
+class Lanes(Effect):
+    """Lane-mean temperature rise falls below that of a 1D column as the lane widens (V23)."""
+
+    cause = "lanes on the road widen by conduction sideways"
+    source = "theory 1.6 eq. (15b) and V23; a lane never falls below the mean of the road"
+    tells = ("road cooler, most at low speed and small spots",)
+    section = "contact"
+    base = True
+
+    lane_widening = Param(1.0, "1", "strength of the widening of the lanes", low=0.0, high=1.0, off=0.0)
+
+    def heat(self, scene, p):
+        """Factor f(x) on the rise of the lanes above the entering road."""
+        D, material, L = scene.spot_diameter, scene.road, scene.length
+
+        def law(T, now, p):
+            speed = now.speed if now.speed > 0 else now.last_speed
+            x = np.maximum(now.x, 0.0)
+            began = now.contact_time - now.waited
+            age = np.minimum(x / speed, began) if speed > 0 else np.full(np.shape(x), began)
+            gone = np.clip(age - L / speed, 0.0, None) if speed > 0 else 0.0 * age
+            phi = float(np.mean(now.spot_fraction))
+            f = mean_factor(
+                age + now.waited, gone + (0.0 if now.touching else now.waited), D, material.diffusivity, phi
+            )
+            return 1.0 - p.lane_widening * (1.0 - f)
+
+        yield Factor("road.lane_rise", law)

@@ -1,0 +1,45 @@
+"""The three ways a computation can end early, each with a sentence for people."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+
+
+class FlashtempError(Exception):
+    """Base of all errors that flashtemp raises on purpose."""
+
+
+class BadInput(FlashtempError):
+    """Input that cannot be used: one line naming file, key, value and what would be right.
+
+    Several faults found together stand in `lines`, one each.
+
+    >>> str(BadInput("case.toml: friction.mu: -1 is negative; give a number >= 0"))
+    'case.toml: friction.mu: -1 is negative; give a number >= 0'
+    """
+
+    def __init__(self, *lines: str):
+        super().__init__("\n".join(lines))
+        self.lines = lines
+
+
+class SolverFailure(FlashtempError):
+    """The time integration stopped: says at what time, in which cell and under which effect."""
+
+
+class Interrupted(FlashtempError):
+    """The user stopped the run; a checkpoint has been left in `path`."""
+
+    def __init__(self, path):
+        super().__init__(f"interrupted; checkpoint left in {path}")
+        self.path = path
+
+
+def nearest(name: str, known) -> str:
+    """The known name closest to a mistyped one, as half a sentence, or an empty string.
+
+    >>> nearest("frction", ["friction", "contact"])
+    "; did you mean 'friction'?"
+    """
+    match = get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{match[0]}'?" if match else ""

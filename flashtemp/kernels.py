@@ -1,0 +1,226 @@
+"""The compiled loops: heat flows between cells, and depth-line solves swept downstream.
+
+Arrays are packed by lines (`mesh.Mesh`); `m` is the number of road cells of every line.  Everything
+here is linear in the temperatures, so complex arrays pass through and give exact derivatives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, fastmath=False)
+def face_conductances(start, m, half_x, half_z, factor, gx, gz):
+    """Series conductances W/(m K) per metre across: gx to the line upstream, gz to the cell above.
+
+    `half_x`, `half_z` are half-cell resistances at reference conductivity, `factor` k/k_reference.
+    """
+    n = len(start) - 1
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        for c in range(a, b - 1):
+            gz[c] = 1.0 / (half_z[c] / factor[c] + half_z[c + 1] / factor[c + 1])
+        gz[b - 1] = 0.0
+        if b - a > m:
+            gz[a + m - 1] = 0.0  # the interface belongs to the contact laws
+        before = 0 if i == 0 else a - start[i - 1]
+        for c in range(a, b):
+            if c - a < before:
+                p = start[i - 1] + c - a
+                gx[c] = 1.0 / (half_x[c] / factor[c] + half_x[p] / factor[p])
+            else:
+                gx[c] = 0.0
+
+
+@njit(cache=True, fastmath=False)
+def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
+    """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
+
+    `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of the road
+    cells (W/(m K)), `slope` the second-order upwind weight of every line, `T_in`, `h_in` (m,) rises
+    of the entering road, `g_in` its conductance to the first line.
+    """
+    n = len(start) - 1
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        for c in range(a, b - 1):
+            q = gz[c] * (T[c + 1] - T[c])
+            rate[c] += q
+            rate[c + 1] -= q
+        if i == 0:
+            for k in range(m):
+                rate[a + k] += g_in[k] * (T_in[k] - T[a + k]) + carry[k] * h_in[k]
+        else:
+            p = start[i - 1]
+            for k in range(min(b - a, a - p)):
+                q = gx[a + k] * (T[p + k] - T[a + k])
+                rate[a + k] += q
+                rate[p + k] -= q
+        s = slope[i]
+        for k in range(m):
+            if i == 0:
+                back = h_in[k]
+            else:
+                back = h[start[i - 1] + k]
+            q = carry[k] * (h[a + k] + s * (h[a + k] - back))
+            rate[a + k] -= q
+            if i + 1 < n:
+                rate[b + k] += q
+
+
+@njit(cache=True, fastmath=False)
+def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, down, share, inv, mul, low, low2, high):
+    """Factors of P = (D + L) D^-1 (D + U) for capacity - gamma K, line by line downstream.
+
+    `own` (cells) adds to the diagonal of K (boundary and contact laws), `up`, `down` (lines) are
+    K's entries across the interface: d(road rate)/d(block T) and d(block rate)/d(road T).  The
+    diagonals D are corrected so that every column of P, road rows weighted by the lanes' `share` of
+    the width, sums to that of the exact matrix: the preconditioner conserves heat.  Writes `inv` 1/pivot, `mul` elimination factors, `low`, `low2`
+    couplings to one and two lines upstream, `high` the conduction to the line downstream.
+    """
+    n = len(start) - 1
+    longest = 0
+    for i in range(n):
+        longest = max(longest, start[i + 1] - start[i])
+    fix = np.zeros(longest)
+    work = np.empty(longest)
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        for k in range(size):
+            c = a + k
+            d = own[c] - gx[c]
+            if k > 0:
+                d -= gz[c - 1]
+            d -= gz[c]
+            if i + 1 < n and k < start[i + 2] - b:
+                d -= gx[b + k]
+                high[c] = -gamma * gx[b + k]
+            else:
+                high[c] = 0.0
+            low[c] = -gamma * gx[c]
+            low2[c] = 0.0
+            if k < m:
+                s = slope[i]
+                d -= carry[k] * (1.0 + s)
+                if i == 0:
+                    d -= g_in[k]
+                    low[c] = 0.0
+                else:
+                    low[c] -= gamma * carry[k] * (1.0 + slope[i - 1] + s)
+                    low2[c] = gamma * carry[k] * slope[i - 1]
+            inv[c] = capacity[c] - gamma * d + fix[k]
+        for k in range(size):
+            fix[k] = 0.0
+        # Thomas: pivots from the deepest cell upwards; gz is symmetric except across the interface
+        inv[a] = 1.0 / inv[a]
+        for k in range(1, size):
+            c = a + k
+            below = -gamma * gz[c - 1]
+            above = below
+            if k == m:
+                below = -gamma * down[i]
+                above = -gamma * up[i]
+            mul[c] = below * inv[c - 1]
+            inv[c] = 1.0 / (inv[c] - mul[c] * above)
+        # column sums of L D^-1 U go back onto the next diagonal
+        if i + 1 < n:
+            top = min(size, start[i + 2] - b)
+            for k in range(size):
+                work[k] = 0.0
+            for k in range(top):
+                s = -gamma * gx[b + k]
+                if k < m:
+                    s -= gamma * carry[k] * (1.0 + slope[i] + slope[i + 1])
+                    if i + 2 < n:
+                        s += gamma * carry[k] * slope[i + 1]
+                work[k] = s * share if k < m else s
+            # transposed solve D^T w = work
+            for k in range(1, size):
+                c = a + k
+                above = -gamma * gz[c - 1]
+                if k == m:
+                    above = -gamma * up[i]
+                work[k] -= above * inv[c - 1] * work[k - 1]
+            work[size - 1] *= inv[a + size - 1]
+            for k in range(size - 2, -1, -1):
+                c = a + k
+                work[k] = work[k] * inv[c] - mul[c + 1] * work[k + 1]
+            for k in range(top):
+                fix[k] = -work[k] * high[a + k] / (share if k < m else 1.0)
+
+
+@njit(cache=True, fastmath=False)
+def line_solve(a, size, m, gamma, gz, up, inv, mul, z):
+    """Solve one depth line in place with the factors of `factorise`."""
+    for k in range(1, size):
+        z[a + k] -= mul[a + k] * z[a + k - 1]
+    z[a + size - 1] *= inv[a + size - 1]
+    for k in range(size - 2, -1, -1):
+        c = a + k
+        g = up if k + 1 == m else gz[c]
+        z[c] = (z[c] + gamma * g * z[c + 1]) * inv[c]
+
+
+@njit(cache=True, fastmath=False)
+def sweep(start, m, capacity, gz, gamma, up, inv, mul, low, low2, high, r, z):
+    """z = P^-1 (capacity r): lines solved in the direction of sliding, then corrected back."""
+    n = len(start) - 1
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        for c in range(a, b):
+            z[c] = capacity[c] * r[c]
+        if i > 0:
+            p = start[i - 1]
+            for k in range(min(size, a - p)):
+                z[a + k] -= low[a + k] * z[p + k]
+        if i > 1:
+            p = start[i - 2]
+            for k in range(m):
+                z[a + k] -= low2[a + k] * z[p + k]
+        line_solve(a, size, m, gamma, gz, up[i], inv, mul, z)
+    work = np.zeros(start[n] - start[0])
+    for i in range(n - 2, -1, -1):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        top = min(size, start[i + 2] - b)
+        for k in range(size):
+            work[a + k] = 0.0
+        for k in range(top):
+            work[a + k] = high[a + k] * z[b + k]
+        line_solve(a, size, m, gamma, gz, up[i], inv, mul, work)
+        for c in range(a, b):
+            z[c] -= work[c]
+
+
+@njit(cache=True, fastmath=False)
+def exchange(offset, cell, area, half, factor, film, far, T, rate, own, total, surface):
+    """Convective films: heat (W/m per cell) from `far` (K) through `film` (m2 K/W) and half a cell.
+
+    Sites are packed: faces offset[s]..offset[s+1]-1.  Adds to `rate` and to the diagonal `own`;
+    `total` gets each site's heat (W/m), `surface` its area-weighted surface temperature (K m).
+    """
+    for s in range(len(offset) - 1):
+        total[s] = 0.0
+        surface[s] = 0.0
+        if film[s] == np.inf:
+            continue
+        for j in range(offset[s], offset[s + 1]):
+            c = cell[j]
+            inner = half[j] / factor[c]
+            g = area[j] / (inner + film[s])
+            q = g * (far[s] - T[c])
+            rate[c] += q
+            own[c] -= g
+            total[s] += q
+            surface[s] += area[j] * T[c] + q * inner
+
+
+@njit(cache=True, fastmath=False)
+def deposit(block, weight, power, rate):
+    """Volumetric friction heat: `power` (W/m per line) shared over block cells by `weight`."""
+    for i in range(block.shape[0]):
+        for k in range(len(weight)):
+            rate[block[i, k]] += weight[k] * power[i]

@@ -1,0 +1,230 @@
+"""The declared keys of a case and the checks on them; effects declare their own."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from typing import Any
+
+from flashtemp.effect import Param, catalogue
+from flashtemp.errors import BadInput, nearest
+
+NOTHING = Param(None, "", "")
+TEXT, CURVE, FLAG = ("name",), ("number", "text", "table"), ("flag",)
+TABLES: dict[str, dict[str, Param]] = {
+    "block": {
+        "length": Param(0.025, "m", "length in the direction of sliding", low=1e-4, high=1.0),
+        "width": Param(0.05, "m", "width across the direction of sliding", low=1e-4, high=10.0),
+        "height": Param(0.007, "m", "height from the face to the holder", low=1e-4, high=1.0),
+        "material": Param("tread_rubber", "", "name of a material", kinds=TEXT),
+    },
+    "road": {
+        "material": Param("asphalt", "", "name of a material", kinds=TEXT),
+        "track_length": Param(3.5, "m", "length of one lap of the circular track", low=0.01, high=1e5),
+        "depth": Param(None, "m", "depth of road simulated; from the heat's reach if not given", low=1e-5, high=10.0),
+        "upstream": Param(0.003, "m", "road shown before the block", low=0.0, high=10.0),
+        "downstream": Param(0.01, "m", "road shown behind the block", low=0.0, high=10.0),
+    },
+    "contact": {
+        "pressure": Param(1.5e5, "Pa", "nominal contact pressure, mean; or a file of time against value", low=0.0, open_low=True, high=1e9, kinds=CURVE),
+    },
+    "friction": {},
+    "schedule": {
+        "speed": Param(0.1, "m/s", "sliding speed; or a file of time against value", low=0.0, open_low=True, high=1000.0, kinds=CURVE),
+        "distance": Param(3.5, "m", "distance slid in one repetition", low=1e-6, high=1e7),
+        "repetitions": Param(1, "1", "number of repetitions", low=1, high=100000, kinds=("whole",)),
+        "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
+        "lifted": Param(True, "", "block lifted off the road while waiting", kinds=FLAG),
+    },
+    "ambient": {
+        "temperature": Param(20.0, "degC", "air, initial and road temperature", low=-100.0, high=500.0),
+    },
+    "numerics": {
+        "mesh": Param("medium", "1", '"coarse", "medium", "fine" or a factor on the number of cells', low=0.05, high=32.0, kinds=("level", "number")),
+        "cells": Param([56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)),
+        "first_x": Param(3e-5, "m", "first cell at the leading edge", low=1e-8, high=0.1),
+        "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
+        "first_block": Param(None, "m", "first cell of the block at the interface", low=1e-9, high=0.1),
+        "first_road": Param(3e-6, "m", "first cell of the road at the interface", low=1e-9, high=0.1),
+        "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
+        "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
+        "order": Param(5, "1", "highest BDF order", low=1, high=5, kinds=("whole",)),
+        "integrator": Param("auto", "", '"scikits-odes", "scikit-sundae" or "auto"', kinds=("binding",)),
+    },
+    "output": {
+        "profiles": Param(40, "1", "profiles kept per repetition", low=2, high=100000, kinds=("whole",)),
+        "fields": Param(6, "1", "cell fields kept per repetition", low=2, high=10000, kinds=("whole",)),
+        "pictures": Param(True, "", "draw pictures", kinds=FLAG),
+        "vtk": Param(True, "", "write the VTK file", kinds=FLAG),
+    },
+}  # fmt: skip
+MATERIAL = {
+    "conductivity": Param(None, "W/mK", "thermal conductivity", low=0.0, high=1e4, open_low=True),
+    "density": Param(None, "kg/m3", "density", low=0.0, high=1e5, open_low=True),
+    "heat_capacity": Param(None, "J/kgK", "specific heat capacity", low=0.0, high=1e6, open_low=True),
+}
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a key stands: file and line, or the override that set it."""
+
+    file: str
+    text: str = ""
+    overridden: set[str] = field(default_factory=set)
+
+    def __call__(self, dotted: str) -> str:
+        if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
+            return f"{dotted} (command line)"
+        line = self.line(dotted)
+        return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
+
+    def line(self, dotted: str) -> int | None:
+        """1-based line of a dotted key, or None for one that is not written there."""
+        prefix = ""
+        for number, raw in enumerate(self.text.splitlines(), 1):
+            line = raw.split("#", 1)[0].strip()
+            if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
+                prefix = header[1] + "."
+                if header[1] == dotted:
+                    return number
+            elif found := re.match(r"([\w\.\"'-]+)\s*=", line):
+                if prefix + found[1].strip("\"'") == dotted:
+                    return number
+        return None
+
+    def prefix(self, line: str) -> str:
+        """An error line that begins with its key, completed by where the key stands."""
+        key = line.split(":", 1)[0]
+        return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
+
+
+def declared(table: str) -> dict[str, Param]:
+    """All keys of a table of the case with their declarations."""
+    if table.startswith("materials."):
+        return MATERIAL
+    out = dict(TABLES.get(table, {}))
+    for name, effect in catalogue().items():
+        if (effect.section if effect.base else name) == table:
+            out |= effect.params()
+    return out
+
+
+def tables(raw: dict, effects) -> dict[str, dict[str, Param]]:
+    """Tables this case may have: the base ones, its materials, its effects."""
+    own = raw.get("materials", {})
+    names = [f"materials.{n}" for n in own] if isinstance(own, dict) else []
+    out = {t: declared(t) for t in [*TABLES, *names, *effects]}
+    for n in names:
+        raw[n] = own[n.split(".", 1)[1]]
+    raw.pop("materials", None)
+    return out
+
+
+def parse_overrides(overrides) -> dict[str, Any]:
+    """["a.b=1"] or {"a.b": 1} -> {"a.b": 1}; values are TOML, bare words are text."""
+    if not overrides:
+        return {}
+    if isinstance(overrides, dict):
+        return dict(overrides)
+    out = {}
+    for item in overrides:
+        key, eq, text = item.partition("=")
+        if not eq or not key.strip():
+            raise BadInput(f"'{item}': not an override; write table.key=value, for example friction.mu=0.8")
+        try:
+            out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
+        except tomllib.TOMLDecodeError:
+            out[key.strip()] = text.strip()
+    return out
+
+
+def merge(raw: dict, given: dict[str, Any]) -> dict:
+    """Overrides laid over the tables of a file; neither is changed."""
+    out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
+    if isinstance(out.get("materials"), dict):
+        out["materials"] = {k: dict(v) if isinstance(v, dict) else v for k, v in out["materials"].items()}
+    for dotted, value in given.items():
+        *path, last = dotted.split(".")
+        at = out
+        for step in path:
+            at = at.setdefault(step, {})
+            if not isinstance(at, dict):
+                raise BadInput(f"{dotted} (command line): '{step}' is not a table")
+        at[last] = value
+    return out
+
+
+def names(raw: dict, key: str, known, where: Places, faults: list[str]) -> tuple[str, ...] | None:
+    """A list of effect names, each checked against the catalogue; None when not given."""
+    if key not in raw:
+        return None
+    value = raw[key]
+    if isinstance(value, str):
+        value = [v.strip() for v in value.split(",") if v.strip()]
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        faults.append(f'{where(key)}: {value!r}; give a list of effect names, for example ["friction_softening"]')
+        return ()
+    for name in value:
+        if name not in known:
+            why = (
+                "always acts; leave it out" if name in catalogue() else f"is not in the catalogue{nearest(name, known)}"
+            )
+            faults.append(f"{where(key)}: effect '{name}' {why}")
+    for name in {v for v in value if value.count(v) > 1}:
+        faults.append(f"{where(key)}: effect '{name}' is listed twice; once is enough")
+    return tuple(v for v in value if v in known)
+
+
+def check(table: str, declared: dict[str, Param], given, where: Places, faults: list[str]) -> dict[str, Any]:
+    """Values of one table with defaults; every fault is appended to `faults`."""
+    if not isinstance(given, dict):
+        faults.append(f"{where(table)}: {given!r} is not a table; write [{table}] and its keys below it")
+        return {}
+    for key in given:
+        if key not in declared:
+            faults.append(f"{where(f'{table}.{key}')}: unknown key{nearest(key, declared)}")
+    out = {}
+    for key, param in declared.items():
+        if key not in given:
+            out[key] = param.value
+            if param.value is None and declared is MATERIAL:
+                faults.append(f"{where(table)}: {key} is missing; give it in {param.unit}")
+            continue
+        value = given[key]
+        if value == "inf" and param.high == float("inf") and "number" in param.kinds:
+            value = float("inf")
+        if fault := wrong(param, value):
+            faults.append(f"{where(f'{table}.{key}')}: {value!r}; {fault}")
+        out[key] = value
+    return out
+
+
+def wrong(param: Param, value: Any) -> str | None:
+    """What is wrong with a value under its declaration, or None."""
+    kinds = param.kinds
+    if "flag" in kinds:
+        return None if isinstance(value, bool) else "give true or false"
+    if "whole" in kinds and not isinstance(value, bool) and isinstance(value, int):
+        return param.fault(value)
+    if "whole" in kinds:
+        return f"give a whole number >= {param.low:g}"
+    if "name" in kinds:
+        return None if isinstance(value, str) and value else "give a name in quotes"
+    if "binding" in kinds:
+        return (
+            None
+            if value in ("auto", "scikits-odes", "scikit-sundae")
+            else 'give "auto", "scikits-odes" or "scikit-sundae"'
+        )
+    if "level" in kinds and isinstance(value, str):
+        return None if value in ("coarse", "medium", "fine") else 'give "coarse", "medium", "fine" or a number'
+    if "cells" in kinds:
+        good = isinstance(value, list) and len(value) == 3 and all(isinstance(v, int) and 3 <= v <= 5000 for v in value)
+        return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
+    if isinstance(value, str) and "text" in kinds:
+        return None if value else "give a file name"
+    if isinstance(value, (list, dict)) and "table" in kinds:
+        return None if value else "give at least one row"
+    return param.fault(value)

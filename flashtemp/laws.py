@@ -1,0 +1,80 @@
+"""Contributions of all acting effects, sorted by the quantity or site that they speak about."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.effect import Deposit, Factor, Term
+from flashtemp.scene import Scene, gauss_mean
+
+STEP = 1e-30  # complex step: exact derivative to rounding
+
+
+class Laws:
+    """Contributions of all acting effects, sorted by quantity; no effect is known by name."""
+
+    def __init__(self, scene: Scene):
+        self.terms: dict[str, list] = {}
+        self.factors: dict[str, list] = {}
+        self.films: dict[str, list] = {}
+        self.patches: list = []
+        self.zones: list = []
+        self.deposits: list = []
+        for acting in scene.acting:
+            for part in acting.contributions(scene):
+                entry = (part, acting.p, acting.name)
+                if isinstance(part, Term):
+                    self.terms.setdefault(part.target, []).append(entry)
+                elif isinstance(part, Factor):
+                    self.factors.setdefault(part.target, []).append(entry)
+                elif isinstance(part, Deposit):
+                    self.deposits.append(part)
+                elif part.kind == "film":
+                    self.films.setdefault(part.site, []).append(entry)
+                else:
+                    (self.patches if part.kind == "patch" else self.zones).append(entry)
+
+    def has(self, target: str) -> bool:
+        """Whether any effect speaks about this quantity."""
+        return target in self.terms or target in self.factors
+
+    def __call__(self, target: str, base, T, now, *args):
+        """(base + sum of terms) times product of factors."""
+        value = base
+        for part, p, _ in self.terms.get(target, ()):
+            value = value + part.law(T, now, p, *args)
+        for part, p, _ in self.factors.get(target, ()):
+            value = value * part.law(T, now._replace(base=value) if now is not None else now, p, *args)
+        return value
+
+    def contributors(self, T, now) -> dict[str, float]:
+        """Size of each effect's heat at a state, to name the largest one when a solve fails."""
+        sizes = {}
+        for part, p, name in self.terms.get("friction.mu", []) + self.factors.get("friction.mu", []):
+            sizes[name] = float(np.max(np.abs(part.law(T, now, p)))) * now.pressure * now.speed
+        for site in self.films.values():
+            for part, p, name in site:
+                h = part.law(now, p)
+                if np.isfinite(h):
+                    sizes[name] = max(sizes.get(name, 0.0), h * float(np.max(np.abs(T - now.ambient))))
+        return sizes
+
+
+def laws_mean(laws: Laws, target: str, edges, now):
+    """Cell means of a quantity whose laws depend on x; exactly 1 where no law speaks."""
+    if not laws.has(target):
+        return np.ones(len(edges) - 1)
+    return gauss_mean(lambda x: laws(target, 1.0, None, now._replace(x=x)) + 0.0 * x, edges)
+
+
+def patch_flux(law, T, resistance, now, p):
+    """Flux (W/m2) of a patch law at the surface, half a cell of `resistance` (m2 K/W) away from T."""
+    flux = 0.0 * T
+    for _ in range(4):
+        Ts = T + flux * resistance
+        slope = np.imag(law(np.real(Ts) + 1j * STEP, now, p)) / STEP
+        step = (law(Ts, now, p) - flux) / (1.0 - slope * resistance)
+        flux = flux + step
+        if np.all(np.abs(step) <= 1e-13 * (np.abs(flux) + 1e-300)):
+            break
+    return flux

@@ -1,0 +1,282 @@
+"""March a scene through its schedule: events are exact restart points, everything else is CVODE's."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flashtemp.balance import Balance
+from flashtemp.cvode import Integrator, Tolerance
+from flashtemp.errors import SolverFailure
+from flashtemp.run import Run
+from flashtemp.scene import KELVIN, Scene
+from flashtemp.stage import Stage
+from flashtemp.track import Track
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait."""
+
+    binding: str
+    rtol: float = 1e-4
+    atol: float | None = None
+    order: int = 5
+    profiles: int = 40
+    fields: int = 6
+
+
+@dataclass
+class Progress:
+    """Where a march stands; enough to go on from a checkpoint."""
+
+    t: float = 0.0
+    phase: int = 0
+    y: np.ndarray | None = None
+    records: dict[str, list] = field(default_factory=dict)
+    steps: int = 0
+    calls: dict[str, int] = field(default_factory=lambda: {"rate": 0, "setup": 0, "solve": 0})
+    wall: float = 0.0
+    left: np.ndarray | None = None  # heat (J/m) in block and lanes removed at restarts
+    track: Track | None = None
+
+
+def record_times(phase, settings: Settings, first: bool) -> np.ndarray:
+    """Times (s) at which profiles are kept: dense after each start, both ends of sliding."""
+    span = phase.end - phase.begin
+    n = settings.profiles if phase.sliding else max(4, settings.profiles // 4)
+    s = (np.arange(n + 1) / n) ** 2
+    if phase.sliding:
+        begins = phase.begin == phase.start
+        t = phase.begin + span * (s if begins else s[1:])
+    else:
+        t = phase.begin + span * s[1:-1]
+    if phase.sliding:
+        t[-1] = phase.end
+    return t
+
+
+def march(
+    scene: Scene,
+    settings: Settings,
+    title: str = "",
+    state: Progress | None = None,
+    watch: Callable[[Progress], bool] | None = None,
+) -> Run:
+    """Integrate the scene over its whole schedule and return the Run.
+
+    `watch(progress)` is called after every internal step; returning True stops the march with
+    KeyboardInterrupt, `progress` then holds all that is needed to go on.  Raises SolverFailure
+    with time, cell and effect.
+    """
+    began = clock.perf_counter()
+    balance = Balance(scene)
+    now = state or Progress(y=np.zeros(balance.size), left=np.zeros(2))
+    spent = now.wall
+    if now.track is None and balance.laws.has("road.inflow"):
+        now.track = _track(scene)
+    phases = scene.schedule.phases
+    resumed = state is not None
+    while now.phase < len(phases):
+        phase = phases[now.phase]
+        if not resumed and phase.sliding and phase.begin == phase.start and now.phase > 0:
+            _restart(scene, balance, phases[now.phase - 1], now)
+        _stretch(balance, phase, settings, now, resumed, watch, spent, began)
+        resumed = False
+        now.phase += 1
+    now.wall = spent + clock.perf_counter() - began
+    return _finish(scene, balance, now, title)
+
+
+def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> None:
+    """One phase: integrate, record, keep what leaves on the track."""
+    scene = balance.scene
+    stage = Stage(balance, phase, _inflow(scene, phase, now.track))
+    atol = np.full(balance.size, settings.atol or 10 * settings.rtol)
+    atol[balance.n :] = 1e20  # the ledger follows the temperatures, it does not steer the steps
+    tol = Tolerance(settings.rtol, atol, settings.order, max_step=phase.end - phase.begin)
+    solver = Integrator(settings.binding, stage.rate, stage.setup, stage.solve, tol)
+    times = [t for t in record_times(phase, settings, now.phase == 0) if not resumed or t > now.t * (1 + 1e-13)]
+    t, y = (now.t, now.y) if resumed else (phase.begin, now.y)
+    tiny = 1e-9 * (phase.end - phase.begin)
+    total, wanted = len(times), settings.fields if phase.sliding else 2
+    keep = {times[round(i * (total - 1) / max(1, wanted - 1))] for i in range(wanted)} if times else set()
+    if times and times[0] <= t + tiny:
+        at = times.pop(0)
+        _record(balance, stage, at, y, now, at in keep)
+    solver.start(t, y, phase.end)
+    try:
+        while phase.end - t > tiny:
+            t, y = solver.step()
+            while times and times[0] <= t + tiny:
+                at = times.pop(0)
+                _record(balance, stage, at, y if abs(at - t) <= tiny else solver.at(at), now, at in keep)
+            if now.track is not None and phase.sliding:
+                _leave(scene, stage, t, y, now.track)
+            now.t, now.y = t, y
+            now.steps += 1
+            now.wall = spent + clock.perf_counter() - began
+            if watch is not None and watch(now):
+                _count(now, stage)
+                raise KeyboardInterrupt
+    except SolverFailure as fault:
+        raise SolverFailure(_explain(balance, stage, now.t, now.y, fault)) from fault
+    _count(now, stage)
+
+
+def _count(now, stage) -> None:
+    for name, value in stage.calls.items():
+        now.calls[name] += value
+
+
+def _explain(balance, stage, t, y, fault) -> str:
+    """The failure with time, hottest cell and the effect with the largest heat."""
+    mesh, h = balance.scene.mesh, y[: balance.n]
+    bad = np.flatnonzero(~np.isfinite(h))
+    cell = int(bad[0]) if len(bad) else int(np.argmax(np.abs(h)))
+    body = "block" if mesh.level[cell] >= mesh.n_road else "road"
+    x, z = mesh.x_centre[mesh.line[cell]], mesh.z_centre[cell]
+    T = balance.rise(h) + balance.scene.ambient
+    sizes = balance.laws.contributors(T[balance.cell_block], stage.moment(t))
+    effect = max(sizes, key=sizes.get) if sizes else "none"
+    return (
+        f"{fault}; at t = {t:.6g} s, hottest {body} cell x = {x * 1e3:.3g} mm, z = {z * 1e3:.3g} mm "
+        f"({T[cell] - KELVIN:.4g} degC), largest effect: {effect}"
+    )
+
+
+def _track(scene: Scene) -> Track:
+    film = sum(
+        part.law(scene.moment(scene.schedule.phases[0], 0.0), a.p)
+        for a in scene.acting
+        for part in a.contributions(scene)
+        if getattr(part, "site", "") == "road.free"
+    )
+    lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
+    dz = scene.mesh.thickness[: scene.mesh.n_road]
+    return Track(scene.track_length, dz, scene.road.conductivity, scene.road.volumetric_capacity, film, lateral)
+
+
+def _inflow(scene, phase, track):
+    if track is None:
+        return None
+
+    def carried(now):
+        slid = phase.slid_before + now.slid
+        return track.carried(now.t, slid - scene.mesh.x[0])
+
+    return carried
+
+
+def _leave(scene, stage, t, y, track) -> None:
+    """Keep the column that leaves the window, at most 400 per lap."""
+    now = stage.moment(t)
+    place = stage.phase.slid_before + now.slid - scene.mesh.x[-1]
+    if track.place and place - track.place[-1] < track.lap / 400:
+        return
+    column = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]]
+    track.leave(t, place, column, stage.entering(now), float(np.mean(stage.contact_state(now).phi)))
+
+
+def _restart(scene, balance, before, now) -> None:
+    """The road under a lifted block when it comes down again: forgotten, or spread sideways."""
+    if not scene.schedule.lifted:
+        return
+    road = scene.mesh.road
+    y = now.y.copy()
+    old = balance.stored(y)
+    if now.track is None:
+        y[road] = 0.0
+    else:
+        stage = Stage(balance, before, _inflow(scene, before, now.track))
+        moment = stage.moment(before.end)
+        u = balance.enthalpy(np.zeros(balance.n) + 0.0)[road] + stage.entering(moment)
+        share = float(np.mean(stage.contact_state(moment).phi))
+        mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
+        y[road] = u + mixed * (y[road] - u)
+    now.left = now.left + np.subtract(old, balance.stored(y))
+    now.y = y
+
+
+def _record(balance, stage, t, y, now, frame) -> None:
+    """Append surface profiles, friction, ledger and the cell temperatures at time t."""
+    scene, mesh, n = balance.scene, balance.scene.mesh, balance.n
+    moment = stage.moment(t)
+    T = balance.rise(y[:n])
+    state = stage.contact_state(moment)
+    entering = stage.entering(moment)
+    _, _, kf = stage._conduction(T, moment)
+    C0 = scene.ambient - KELVIN
+    under = entering[-1]
+    if moment.touching:
+        flux = stage._contact(state, moment, T, entering, kf)
+        surface = T[balance.cell_block] + state.phi * flux.into_block * balance.half_block / kf[balance.cell_block]
+        spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
+        load = state.pressure * mesh.dx_block
+        mu = float((flux.mu * load).sum() / load.sum()) if stage.phase.sliding else np.nan
+    else:
+        surface = T[balance.cell_block]
+        spot = surface + C0
+        lane = under + state.lane * (T[balance.cell_road] - under) + C0
+        mu = np.nan
+    every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
+    lanes = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
+    cells = T + C0
+    cells[mesh.road] = C0 + entering + lanes[:, None] * (T[mesh.road] - entering)
+    block, road = np.add(balance.stored(y), now.left)
+    energy = dict(zip(balance.ledger, y[n:], strict=True)) | {
+        "block": block,
+        "lanes": road,
+        "share": float(np.mean(state.phi)),
+    }
+    row = {
+        "time": t,
+        "repetition": stage.phase.repetition,
+        "slid": stage.phase.slid_before + moment.slid,
+        "sliding": stage.phase.sliding,
+        "T_block": surface + C0,
+        "T_spot": spot,
+        "T_road": lane,
+        "pressure": state.pressure * (1.0 if moment.touching else 0.0),
+        "friction": mu,
+        "energy": list(energy.values()),
+    }
+    if frame:
+        row |= {"frames": len(now.records.get("time", [])), "cells": cells.astype(np.float32)}
+    now.records.setdefault("ledger", list(energy))
+    for name, value in row.items():
+        now.records.setdefault(name, []).append(value)
+
+
+def _finish(scene, balance, now, title) -> Run:
+    r = now.records
+    energy = dict(zip(r["ledger"], np.array(r["energy"]).T, strict=True))
+    statistics = {
+        "steps": now.steps,
+        "rhs_evaluations": now.calls["rate"],
+        "preconditioner_setups": now.calls["setup"],
+        "preconditioner_solves": now.calls["solve"],
+        "wall_s": now.wall,
+    }
+    return Run(
+        title=title,
+        mesh=scene.mesh,
+        time=np.array(r["time"]),
+        repetition=np.array(r["repetition"]),
+        slid=np.array(r["slid"]),
+        sliding=np.array(r["sliding"], dtype=bool),
+        T_block=np.array(r["T_block"]),
+        T_spot=np.array(r["T_spot"]),
+        T_road=np.array(r["T_road"]),
+        pressure=np.array(r["pressure"]),
+        friction=np.array(r["friction"]),
+        energy=energy,
+        frames=np.array(r["frames"]),
+        field=np.array(r["cells"]),
+        ambient_degC=scene.ambient - KELVIN,
+        width=scene.width,
+        statistics=statistics,
+    )

@@ -1,0 +1,148 @@
+"""Frozen geometry: depth lines of finite volumes through road and block.
+
+One line runs from deep in the road up to its surface and, where the block stands, on through the
+interface to the holder.  All cells of a line are neighbours in memory, so that a line solve is one
+pass; lines are ordered in the direction of sliding, so that a sweep follows the road.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+def centres(edges: np.ndarray) -> np.ndarray:
+    """Cell centres (n,) of cell edges (n+1,), m.
+
+    >>> centres(np.array([0.0, 1.0, 3.0])).tolist()
+    [0.5, 2.0]
+    """
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Cells of road and block on a tensor grid, packed line by line.
+
+    `x` (n_lines+1,) line edges in m, downstream positive, leading edge at 0; `depth` (n_road+1,)
+    road cell edges in m below the surface; `height` (n_block+1,) block cell edges in m above it;
+    `first`, `last`: the block stands on lines first..last-1.
+
+    >>> from flashtemp.meshes import block_on_road
+    >>> m = block_on_road.build(length=0.025, height=0.007, depth=0.01, cells=(8, 6, 5))
+    >>> round(float(m.volume[m.block].sum()), 9) == round(0.025 * 0.007, 9)
+    True
+    """
+
+    x: np.ndarray
+    depth: np.ndarray
+    height: np.ndarray
+    first: int
+    last: int
+
+    @property
+    def n_lines(self) -> int:
+        return len(self.x) - 1
+
+    @property
+    def n_road(self) -> int:
+        """Road cells of every line."""
+        return len(self.depth) - 1
+
+    @property
+    def n_block(self) -> int:
+        """Block cells of a line under the block."""
+        return len(self.height) - 1
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Index (n_lines+1,) of the first, deepest cell of every line."""
+        sizes = np.full(self.n_lines, self.n_road)
+        sizes[self.first : self.last] += self.n_block
+        return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+    @property
+    def n_cells(self) -> int:
+        return int(self.start[-1])
+
+    @cached_property
+    def line(self) -> np.ndarray:
+        """Line number (n_cells,) of every cell."""
+        return np.repeat(np.arange(self.n_lines), np.diff(self.start))
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """Place (n_cells,) in the line, 0 = deepest road cell, n_road = block surface cell."""
+        return np.arange(self.n_cells) - self.start[self.line]
+
+    @cached_property
+    def block(self) -> np.ndarray:
+        """Cell indices of the block, shape (block lines, n_block), from the face upwards."""
+        return self.start[self.first : self.last, None] + self.n_road + np.arange(self.n_block)
+
+    @cached_property
+    def road(self) -> np.ndarray:
+        """Cell indices of the road, shape (n_lines, n_road), from the deepest upwards."""
+        return self.start[:-1, None] + np.arange(self.n_road)
+
+    @cached_property
+    def thickness(self) -> np.ndarray:
+        """Cell height dz (n_cells,) in m."""
+        line = np.concatenate([np.diff(self.depth)[::-1], np.diff(self.height)])
+        return line[self.level]
+
+    @cached_property
+    def width(self) -> np.ndarray:
+        """Cell length dx (n_cells,) along the direction of sliding in m."""
+        return np.diff(self.x)[self.line]
+
+    @cached_property
+    def volume(self) -> np.ndarray:
+        """Cell volume per metre across the block (n_cells,) in m2."""
+        return self.width * self.thickness
+
+    @cached_property
+    def x_centre(self) -> np.ndarray:
+        """Line centres (n_lines,) in m."""
+        return centres(self.x)
+
+    @cached_property
+    def z_centre(self) -> np.ndarray:
+        """Cell centre (n_cells,) in m above the interface, negative in the road."""
+        return np.concatenate([-centres(self.depth)[::-1], centres(self.height)])[self.level]
+
+    @property
+    def x_block(self) -> np.ndarray:
+        """Centres of the lines under the block, m from the leading edge."""
+        return self.x_centre[self.first : self.last]
+
+    @property
+    def dx_block(self) -> np.ndarray:
+        """Lengths of the lines under the block, m."""
+        return np.diff(self.x)[self.first : self.last]
+
+    @cached_property
+    def patches(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Named boundary patches: cells, face areas per metre across (m), half cell widths (m)."""
+        top, under = self.block[:, -1], self.block[:, 0]
+        free = np.r_[0 : self.first, self.last : self.n_lines]
+        surface = self.road[:, -1]
+        walls = {"block.leading": self.block[0], "block.trailing": self.block[-1]}
+        out = {k: (c, self.thickness[c], 0.5 * self.width[c]) for k, c in walls.items()}
+        flats = {
+            "block.holder": top,
+            "block.face": under,
+            "road.free": surface[free],
+            "road.under": surface[self.first : self.last],
+        }
+        out |= {k: (c, self.width[c], 0.5 * self.thickness[c]) for k, c in flats.items()}
+        return out
+
+    def __str__(self) -> str:
+        return (
+            f"Mesh {self.n_cells} cells in {self.n_lines} depth lines\n"
+            f"  block {self.last - self.first} x {self.n_block}, first cell {self.height[1] * 1e6:.3g} um\n"
+            f"  road  {self.n_lines} x {self.n_road}, first cell {self.depth[1] * 1e6:.3g} um"
+        )

@@ -1,0 +1,158 @@
+"""T(x, t) with everything needed to trust, redraw and repeat it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
+
+    `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
+    `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `friction` (n,) load
+    weighted; `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
+    `field` (frames, cells), road cells as lane means.
+    """
+
+    title: str
+    mesh: Mesh
+    time: np.ndarray
+    repetition: np.ndarray
+    slid: np.ndarray
+    sliding: np.ndarray
+    T_block: np.ndarray
+    T_spot: np.ndarray
+    T_road: np.ndarray
+    pressure: np.ndarray
+    friction: np.ndarray
+    energy: dict[str, np.ndarray]
+    frames: np.ndarray
+    field: np.ndarray
+    ambient_degC: float
+    width: float
+    statistics: dict = field(default_factory=dict)
+    case_text: str = ""
+
+    @property
+    def x(self) -> np.ndarray:
+        """Line centres under the block, m from the leading edge."""
+        return self.mesh.x_block
+
+    @cached_property
+    def last(self) -> int:
+        """Index of the end of the last repetition of sliding."""
+        return int(np.flatnonzero(self.sliding)[-1])
+
+    def at_x(self, values: np.ndarray, x: float) -> float:
+        """A profile (lines,) at a place; the outermost cells are held."""
+        return float(np.interp(x, self.x, values))
+
+    @cached_property
+    def friction_per_repetition(self) -> list[float]:
+        """Load-weighted friction averaged over the slid distance of every repetition."""
+        out = []
+        for r in np.unique(self.repetition[self.sliding]):
+            on = self.sliding & (self.repetition == r) & np.isfinite(self.friction)
+            s, mu = self.slid[on], self.friction[on]
+            span = s[-1] - s[0]
+            out.append(float(np.trapezoid(mu, s) / span) if span > 0 else float(mu[-1]))
+        return out
+
+    @cached_property
+    def budget(self) -> dict[str, float]:
+        """Where the friction heat went, J per metre across: block, road, holder, air."""
+        e = {k: v[-1] for k, v in self.energy.items()}
+        return {
+            "friction": e["friction"],
+            "block": e["block"],
+            "road": e["into_road"],
+            "holder": -e.get("holder", 0.0),
+            "air": -e.get("air", 0.0),
+        }
+
+    @cached_property
+    def energy_imbalance(self) -> float:
+        """Heat that appeared or vanished, relative to all heat that moved."""
+        e = {k: v[-1] for k, v in self.energy.items()}
+        losses = sum(v for k, v in e.items() if k not in NOT_LOSSES)
+        block = e["friction"] - e["into_road"] + losses - e["block"]
+        lanes = e["lane_in"] - e["lane_out"] + e["lane_air"] - e["lanes"]
+        moved = max(abs(e["friction"]), abs(e["block"]), abs(e["into_road"]), *(abs(v) for v in e.values()), 1e-300)
+        return float(abs(block + e["share"] * lanes) / moved)
+
+    @cached_property
+    def summary(self) -> dict:
+        """The numbers of summary.json (contract 5.3)."""
+        T = self.T_block[self.last] - self.ambient_degC
+        return {
+            "title": self.title,
+            "T_max_degC": float(max(np.nanmax(self.T_spot), np.nanmax(self.T_block))),
+            "rise_leading_K": float(T[0]),
+            "rise_middle_K": self.at_x(T, 0.5 * (self.x[0] + self.x[-1])),
+            "rise_trailing_K": float(T[-1]),
+            "friction_per_repetition": self.friction_per_repetition,
+            "energy_imbalance": self.energy_imbalance,
+            "energy_J": {k: v * self.width for k, v in self.budget.items()},
+            "cells": self.mesh.n_cells,
+            **self.statistics,
+        }
+
+    def dataset(self):
+        """The xarray Dataset of run.nc (contract 5.3)."""
+        import xarray as xr
+
+        along = ("time", "x")
+        data = {
+            "T_block": (along, self.T_block, {"units": "degC", "long_name": "block surface, averaged across y"}),
+            "T_spot": (along, self.T_spot, {"units": "degC", "long_name": "in the macroasperity contact regions"}),
+            "T_road": (along, self.T_road, {"units": "degC", "long_name": "road surface in the lanes"}),
+            "pressure": (along, self.pressure, {"units": "Pa", "long_name": "nominal contact pressure"}),
+            "repetition": ("time", self.repetition, {"units": "1", "long_name": "repetition, 1-based"}),
+            "slid": ("time", self.slid, {"units": "m", "long_name": "distance slid since the first start"}),
+            "sliding": ("time", self.sliding.astype(np.int8), {"units": "1", "long_name": "1 while sliding"}),
+            "friction": ("time", self.friction, {"units": "1", "long_name": "load-weighted friction coefficient"}),
+        }
+        for name, values in self.energy.items():
+            unit = "1" if name == "share" else "J/m"
+            data[f"energy_{name}"] = ("time", values, {"units": unit, "long_name": f"ledger: {name}"})
+        return xr.Dataset(
+            data,
+            coords={
+                "time": ("time", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
+                "x": ("x", self.x, {"units": "m", "long_name": "distance from the leading edge"}),
+            },
+            attrs={"title": self.title, "ambient_degC": self.ambient_degC, "Conventions": "CF-1.11"},
+        )
+
+    def save(self, folder: Path) -> None:
+        """Write run.nc, summary.json and profiles.csv into a folder that exists."""
+        ds = self.dataset()
+        ds["time"].encoding["dtype"] = "float64"
+        ds.to_netcdf(folder / "run.nc", engine="h5netcdf")
+        (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n")
+        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa"
+        k = self.last
+        table = np.column_stack([self.x, self.T_block[k], self.T_spot[k], self.T_road[k], self.pressure[k]])
+        np.savetxt(folder / "profiles.csv", table, delimiter=",", header=head, comments="", fmt="%.8g")
+
+    def __str__(self) -> str:
+        s = self.summary
+        return (
+            f"Run '{self.title}'\n"
+            f"  rise at the block's surface: leading {s['rise_leading_K']:.2f} K, middle {s['rise_middle_K']:.2f} K,"
+            f" trailing {s['rise_trailing_K']:.2f} K; hottest spot {s['T_max_degC']:.1f} degC\n"
+            f"  heat: {100 * s['energy_J']['road'] / max(s['energy_J']['friction'], 1e-300):.1f} % into the road;"
+            f" energy imbalance {s['energy_imbalance']:.1e}\n"
+            f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s"
+        )
+
+
+NOT_LOSSES = {"friction", "into_road", "lane_in", "lane_out", "lane_air", "block", "lanes", "share"}

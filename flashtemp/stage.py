@@ -1,0 +1,348 @@
+"""The balance during one phase of the schedule: rate, linearisation and preconditioner."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp import contact, kernels
+from flashtemp.balance import Balance
+from flashtemp.laws import STEP, laws_mean, patch_flux
+
+
+class Stage:
+    """The balance during one phase of the schedule: rate, linearisation and preconditioner."""
+
+    def __init__(self, balance: Balance, phase, inflow=None):
+        self.b, self.phase, self.inflow = balance, phase, inflow
+        self.calls = {"rate": 0, "setup": 0, "solve": 0}
+        mesh, n = balance.scene.mesh, balance.n
+        lines = mesh.n_lines
+        self._key = self._state = self._film_key = None
+        self._guess = None
+        self.own, self.unused = np.zeros(n), np.zeros(n)
+        self.up, self.down = np.zeros(lines), np.zeros(lines)
+        self.factors = tuple(np.empty(n) for _ in range(5))
+        self.total, self.surface = np.zeros(len(balance.sites)), np.zeros(len(balance.sites))
+        self.carry_unit = balance.scene.road.volumetric_capacity * balance.dz_road
+        self.no_inflow = np.zeros(mesh.n_road)
+        self.film = np.empty(len(balance.sites))
+        self.far = np.empty(len(balance.sites))
+
+    # --- what acts now -----------------------------------------------------------------------
+    def moment(self, t: float):
+        """The moment with the ambient temperature of the time."""
+        now = self.b.scene.moment(self.phase, t)
+        laws = self.b.laws
+        if laws.has("ambient.temperature"):
+            now = now._replace(ambient=laws("ambient.temperature", now.ambient, None, now))
+        return now
+
+    def contact_state(self, now) -> contact.ContactState:
+        """Contact laws along the block, evaluated again only when something they see has changed."""
+        b = self.b
+        D, mesh = b.scene.spot_diameter, b.scene.mesh
+        speed = now.speed if now.speed > 0 else now.last_speed
+        transit = (mesh.x[-1] / speed) if speed > 0 else np.inf
+        key = (now.speed, now.pressure, now.touching, min(now.slid, D), min(now.contact_time, transit), now.waited)
+        if key == self._key:
+            return self._state
+        laws = b.laws
+        edges = mesh.x[mesh.first : mesh.last + 1]
+        shape = laws_mean(laws, "contact.pressure", edges, now)
+        shape = np.maximum(shape, 0.0)
+        shape = shape / (np.sum(shape * mesh.dx_block) / np.sum(mesh.dx_block))
+        local = now.pressure * shape
+        now = now._replace(x=mesh.x_block, local_pressure=local)
+        phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones_like(local)
+        phi = np.clip(phi, 1e-6, 1.0)
+        now = now._replace(spot_fraction=phi)
+        heat = now.pressure * shape * now.speed if now.touching else 0.0 * shape
+        flash = laws("contact.flash_resistance", 0.0, None, now) * np.ones_like(local)
+        deep = np.zeros_like(local)
+        if flash.any():
+            built = flash
+            for d in b.volumetric:
+                deep = deep + d.share * built * laws("contact.flash_share", 0.0, None, now, d.depth)
+        state = contact.ContactState(
+            m=heat / phi,
+            phi=phi,
+            pressure=local,
+            r=float(laws("contact.resistance", 0.0, None, now)),
+            flash=flash,
+            lane=laws("road.lane_rise", 1.0, None, now) * np.ones_like(local),
+            split=float(laws("contact.heat_split", 0.0, None, now)),
+            surface=b.surface_share,
+            deep=deep,
+        )
+        self._key, self._state = key, state
+        return state
+
+    def entering(self, now, dtype=float):
+        """Temperature rise (n_road,) of the road that enters now, deepest cell first."""
+        if self.inflow is None:
+            return (
+                self.no_inflow
+                if now.ambient == self.b.scene.ambient
+                else self.no_inflow + now.ambient - self.b.scene.ambient
+            )
+        carried = self.inflow(now)
+        return self.b.laws(
+            "road.inflow", now.ambient - self.b.scene.ambient + 0.0 * carried, None, now._replace(carried=carried)
+        )
+
+    def _films(self, now) -> None:
+        """Film resistance and far temperature (rise, K) of every site, several films combined."""
+        phi = self._state.phi if self._state is not None else 1.0
+        now = now._replace(spot_fraction=phi)
+        for s, site in enumerate(self.b.sites):
+            total = weighted = 0.0
+            for part, p, _ in self.b.laws.films[site]:
+                h = part.law(now, p)
+                far = now.ambient if part.far is None else part.far(now, p)
+                if h == np.inf:
+                    total, weighted = np.inf, far
+                    break
+                total += h
+                weighted += h * far
+            far = weighted if total == np.inf else (weighted / total if total > 0 else 0.0)
+            self.film[s] = 1.0 / total if total > 0 else np.inf
+            self.far[s] = far - self.b.scene.ambient
+
+    # --- rate --------------------------------------------------------------------------------
+    def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
+        """dy/dt of cells (K/s) and ledger (W/m) at time t (s)."""
+        self.calls["rate"] += 1
+        b, mesh, n = self.b, self.b.scene.mesh, self.b.n
+        now = self.moment(t)
+        h = y[:n]
+        T = b.rise(h)
+        q = out[:n]
+        out[:] = 0.0
+        gx, gz, kf = self._conduction(T, now)
+        carry = self.carry_unit * now.speed
+        T_in = self.entering(now)
+        h_in = T_in if b.capacity_slope is None else T_in * (1 + 0.5 * b.capacity_slope[: mesh.n_road] * T_in)
+        kernels.heat_flows(
+            mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(y.dtype), h_in.astype(y.dtype), b.g_in, q
+        )
+        led = dict.fromkeys(b.ledger, 0.0)
+        if now.touching:
+            state = self.contact_state(now)
+            flux = self._contact(state, now, T, T_in, kf)
+            dx = mesh.dx_block
+            block = state.phi * flux.into_block * dx
+            road = flux.into_road * dx
+            q[b.cell_block] += block
+            q[b.cell_road] += road
+            power = state.phi * flux.heat * dx
+            if len(b.weight):
+                kernels.deposit(b.deep_cells, b.weight, power, q)
+            led["friction"] = power.sum()
+            led["into_road"] = (state.phi * road).sum()
+            led["lane_in"] = road.sum()
+        self._exchange(now, T, kf, q, led)
+        a, z = mesh.start[0], mesh.start[-2]
+        m = mesh.n_road
+        leave = carry * (h[z : z + m] + b.slope[-1] * (h[z : z + m] - h[mesh.start[-3] : mesh.start[-3] + m]))
+        led["lane_out"] = (leave - carry * h_in - b.g_in * (T_in - T[a : a + m])).sum()
+        q /= b.capacity
+        for i, name in enumerate(b.ledger):
+            out[n + i] = led[name]
+
+    def _conduction(self, T, now):
+        """Face conductances and the factor on conductivity at the temperatures T (rise)."""
+        b, mesh = self.b, self.b.scene.mesh
+        if not b.nonlinear_conductivity:
+            return b.gx, b.gz, b.ones
+        f = np.ones(b.n, dtype=T.dtype)
+        for site, cells in (("block", mesh.block), ("road", mesh.road)):
+            f[cells] = b.laws(f"{site}.conductivity", 1.0, T[cells] + b.scene.ambient, now)
+        gx, gz = np.empty_like(f), np.empty_like(f)
+        kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, f, gx, gz)
+        return gx, gz, f
+
+    def _contact(self, state, now, T, T_in, kf, slopes=False):
+        b = self.b
+        ambient = b.scene.ambient
+        at = now._replace(x=b.scene.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi)
+
+        def friction(T):
+            return b.laws("friction.mu", 0.0, T, at) + 0.0 * T
+
+        out = contact.solve(
+            state,
+            T[b.cell_block] + ambient,
+            T[b.cell_road] + ambient,
+            T_in[-1] + ambient,
+            b.half_block / kf[b.cell_block],
+            b.half_road / kf[b.cell_road],
+            friction,
+            self._guess,
+            slopes,
+        )
+        flux = out[0] if slopes else out
+        self._guess = np.real(flux.spot)
+        return out
+
+    def _exchange(self, now, T, kf, q, led) -> None:
+        """Films, general patch laws and zone laws; every flux is written to its ledger."""
+        b, mesh = self.b, self.b.scene.mesh
+        self._films(now)
+        total, surface, own = self.total, self.surface, self.unused
+        if T.dtype != float:
+            total, surface, own = total.astype(T.dtype), surface.astype(T.dtype), own.astype(T.dtype)
+        kernels.exchange(
+            b.site_offset, b.site_cell, b.site_area, b.site_half, kf, self.film, self.far, T, q, own, total, surface
+        )
+        for s, site in enumerate(b.sites):
+            if self.film[s] == np.inf:
+                continue
+            entries = b.laws.films[site]
+            area = b.site_area[b.site_offset[s] : b.site_offset[s + 1]].sum()
+            rest = total[s]
+            for j, (part, p, _) in enumerate(entries):
+                if j + 1 == len(entries):
+                    share = rest
+                else:
+                    h = part.law(now._replace(spot_fraction=getattr(self._state, "phi", 1.0)), p)
+                    far = now.ambient if part.far is None else part.far(now, p)
+                    share = h * ((far - b.scene.ambient) * area - surface[s]) if h < np.inf else rest
+                    rest = rest - share
+                led["lane_air" if site.startswith("road") else part.to] += share
+        for part, p, _ in b.laws.patches:
+            cell, area, half = mesh.patches[part.site]
+            material = b.scene.block if part.site.startswith("block") else b.scene.road
+            flux = patch_flux(
+                part.law,
+                T[cell] + b.scene.ambient,
+                half / (material.conductivity * kf[cell]),
+                now._replace(x=mesh.x_centre[mesh.line[cell]]),
+                p,
+            )
+            q[cell] += flux * area
+            led["lane_air" if part.site.startswith("road") else part.to] += (flux * area).sum()
+        for part, p, _ in b.laws.zones:
+            cells = mesh.block if part.site == "block" else mesh.road
+            at = now._replace(x=mesh.x_centre[mesh.line[cells]])
+            heat = part.law(T[cells] + b.scene.ambient, at, p) * mesh.volume[cells]
+            q[cells] += heat
+            led["lane_air" if part.site == "road" else part.to] += heat.sum()
+
+    # --- preconditioner ------------------------------------------------------------------------
+    def setup(self, t: float, y: np.ndarray, gamma: float, fresh: bool) -> None:
+        """Factors of P = I - gamma J by depth lines; `fresh` re-evaluates the contact's slopes."""
+        self.calls["setup"] += 1
+        b, mesh = self.b, self.b.scene.mesh
+        now = self.moment(t)
+        T = b.rise(y[: b.n])
+        gx, gz, kf = self._conduction(T, now)
+        if fresh or not self.calls["setup"]:
+            self._linearise(now, T, kf)
+        self.gamma, self.gz_now = gamma, gz
+        inv, mul, low, low2, high = self.factors
+        kernels.factorise(
+            mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry_unit * now.speed, b.slope, b.g_in,
+            gamma, self.own, self.up, self.down, float(np.mean(self._state.phi)), inv, mul, low, low2, high,
+        )  # fmt: skip
+
+    def _linearise(self, now, T, kf) -> None:
+        b, mesh = self.b, self.b.scene.mesh
+        self.own[:] = self.up[:] = self.down[:] = 0.0
+        rows: dict[str, list] = {name: [] for name in b.ledger}
+        scratch, T_in = np.zeros(b.n), self.entering(now)
+        state = self.contact_state(now)
+        self._films(now)
+        kernels.exchange(
+            b.site_offset,
+            b.site_cell,
+            b.site_area,
+            b.site_half,
+            kf,
+            self.film,
+            self.far,
+            T,
+            scratch,
+            self.own,
+            self.total,
+            self.surface,
+        )
+        for s, site in enumerate(b.sites):
+            cells = b.site_cell[b.site_offset[s] : b.site_offset[s + 1]]
+            to = "lane_air" if site.startswith("road") else b.laws.films[site][0][0].to
+            rows[to].append((cells, self._film_slope(s, kf)))
+        for part, p, _ in b.laws.patches:
+            cell, area, half = mesh.patches[part.site]
+            material = b.scene.block if part.site.startswith("block") else b.scene.road
+            at = now._replace(x=mesh.x_centre[mesh.line[cell]])
+            flux = patch_flux(
+                part.law, T[cell] + b.scene.ambient + 1j * STEP, half / (material.conductivity * kf[cell]), at, p
+            )
+            slope = area * flux.imag / STEP
+            self.own[cell] += slope
+            rows["lane_air" if part.site.startswith("road") else part.to].append((cell, slope))
+        for part, p, _ in b.laws.zones:
+            cells = mesh.block if part.site == "block" else mesh.road
+            at = now._replace(x=mesh.x_centre[mesh.line[cells]])
+            heat = part.law(T[cells] + b.scene.ambient + 1j * STEP, at, p)
+            slope = mesh.volume[cells] * np.imag(heat) / STEP
+            self.own[cells] += slope
+            rows["lane_air" if part.site == "road" else part.to].append((cells.ravel(), slope.ravel()))
+        if now.touching:
+            _, d = self._contact(state, now, T, T_in, kf, slopes=True)
+            dx, phi = mesh.dx_block, state.phi
+            deep = phi * (1.0 - state.surface) * dx
+            on = slice(mesh.first, mesh.last)
+            self.own[b.cell_block] += phi * dx * d.block[0] + deep * d.heat[0]
+            self.own[b.cell_road] += dx * d.road[1]
+            self.up[on] = dx * d.road[0]
+            self.down[on] = phi * dx * d.block[1] + deep * d.heat[1]
+            for name, w, slopes in (
+                ("friction", phi * dx, d.heat),
+                ("into_road", phi * dx, d.road),
+                ("lane_in", dx, d.road),
+            ):
+                rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
+        carry, last = self.carry_unit * now.speed, mesh.road[-2:]
+        rows["lane_out"] += [
+            (last[1], carry * (1 + b.slope[-1])),
+            (last[0], -carry * b.slope[-1]),
+            (mesh.road[0], b.g_in),
+        ]
+        self.rows = [
+            (b.entry[name], np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
+            for name, parts in rows.items()
+            if parts
+        ]
+
+    def _film_slope(self, s: int, kf) -> np.ndarray:
+        """d(heat)/dT (W/(m K)) of every face of a site under its films."""
+        b = self.b
+        at = slice(b.site_offset[s], b.site_offset[s + 1])
+        if self.film[s] == np.inf:
+            return np.zeros(at.stop - at.start)
+        return -b.site_area[at] / (b.site_half[at] / kf[b.site_cell[at]] + self.film[s])
+
+    def solve(self, r: np.ndarray, z: np.ndarray) -> None:
+        """z = P^-1 r for cells; the ledger follows them through the rate."""
+        self.calls["solve"] += 1
+        b, mesh, n = self.b, self.b.scene.mesh, self.b.n
+        inv, mul, low, low2, high = self.factors
+        cells = z[:n]
+        kernels.sweep(
+            mesh.start,
+            mesh.n_road,
+            b.capacity,
+            self.gz_now,
+            self.gamma,
+            self.up,
+            inv,
+            mul,
+            low,
+            low2,
+            high,
+            r[:n],
+            cells,
+        )
+        z[n:] = r[n:]
+        for i, index, weight in self.rows:  # ledger rows exactly, so that Krylov steps conserve heat
+            z[i] += self.gamma * (weight @ cells[index])

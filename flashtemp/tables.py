@@ -1,0 +1,139 @@
+"""Measured or computed curves from a case: pairs in the case itself or a CSV file beside it."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A broken line y(x), held constant outside its range; complex x passes its derivative on.
+
+    >>> Curve((0.0, 1.0), (0.0, 2.0))(0.25)
+    0.5
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+    @cached_property
+    def _arrays(self):
+        x, y = np.asarray(self.x), np.asarray(self.y)
+        return x, y, np.diff(y) / np.diff(x)
+
+    def __call__(self, at):
+        x, y, slope = self._arrays
+        real = np.real(at)
+        k = np.clip(np.searchsorted(x, real) - 1, 0, len(slope) - 1)
+        inside = (real >= x[0]) & (real <= x[-1])
+        held = np.clip(real, x[0], x[-1])
+        step = np.where(inside, at, held)
+        value = y[k] + slope[k] * (step - x[k])
+        return value if np.ndim(at) else value.item()
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A table z(u, v), linear between its nodes, held outside; complex v passes its derivative on.
+
+    >>> s = Surface((0.1, 1.0), (20.0, 60.0), ((0.8, 0.6), (0.9, 0.7)))
+    >>> round(float(s(0.1, 40.0)), 12)
+    0.7
+    """
+
+    u: tuple[float, ...]
+    v: tuple[float, ...]
+    z: tuple[tuple[float, ...], ...]
+
+    @cached_property
+    def _grid(self) -> np.ndarray:
+        return np.asarray(self.z)
+
+    def __call__(self, u: float, v):
+        z = self._grid
+        if len(self.u) == 1:
+            row = z[0]
+        else:
+            k = int(np.clip(np.searchsorted(self.u, u) - 1, 0, len(self.u) - 2))
+            w = min(max((u - self.u[k]) / (self.u[k + 1] - self.u[k]), 0.0), 1.0)
+            row = (1 - w) * z[k] + w * z[k + 1]
+        if len(self.v) == 1:
+            return row[0] + 0.0 * v
+        return Curve(self.v, tuple(row))(v)
+
+
+def rows(source, folder: Path, key: str, columns: int) -> np.ndarray:
+    """Rows (n, columns) of numbers from a list of lists or a CSV file name.
+
+    Raises BadInput naming the key, the file and its line.
+    """
+    if isinstance(source, (list, tuple)):
+        data = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
+        where = [f"{key}: row {i + 1}" for i in range(len(data))]
+    else:
+        data, where = _read(source, folder, key)
+    if not data:
+        raise BadInput(f"{key}: the table is empty; give rows of {columns} numbers")
+    for place, row in zip(where, data, strict=True):
+        if len(row) != columns:
+            raise BadInput(f"{place}: {row!r} has {len(row)} values; give {columns} numbers per row")
+        for v in row:
+            if isinstance(v, bool) or not isinstance(v, (int, float)) or not math.isfinite(v):
+                raise BadInput(f"{place}: {v!r} is not a finite number; remove or repair the row")
+    return np.array(data, dtype=float)
+
+
+def _read(source, folder: Path, key: str):
+    path = folder / str(source)
+    if not path.is_file():
+        raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
+    data, where = [], []
+    with path.open(newline="", encoding="utf-8-sig") as handle:
+        for number, line in enumerate(csv.reader(handle), 1):
+            cells = [c.strip() for c in line]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            try:
+                data.append([float(c) for c in cells])
+            except ValueError as fault:
+                if not data:
+                    continue  # a header
+                raise BadInput(
+                    f"{key}: {source}:{number}: {line!r} is not numeric; give numbers separated by commas"
+                ) from fault
+            where.append(f"{key}: {source}:{number}")
+    return data, where
+
+
+def pairs(source, folder: Path, key: str, low: float = -math.inf) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two columns with the first strictly increasing and the second >= low."""
+    table = rows(source, folder, key, 2)
+    step = np.diff(table[:, 0])
+    if np.any(step <= 0):
+        k = int(np.argmax(step <= 0))
+        raise BadInput(
+            f"{key}: first column goes from {table[k, 0]:g} to {table[k + 1, 0]:g}; it must increase strictly"
+        )
+    if np.any(table[:, 1] < low):
+        bad = table[np.argmax(table[:, 1] < low), 1]
+        raise BadInput(f"{key}: value {bad:g} is too small; give values >= {low:g}")
+    return tuple(table[:, 0].tolist()), tuple(table[:, 1].tolist())
+
+
+def grid(source, folder: Path, key: str) -> Surface:
+    """A Surface from rows (u, v, z) that fill a complete grid."""
+    table = rows(source, folder, key, 3)
+    u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
+    if len(u) * len(v) != len(table):
+        raise BadInput(f"{key}: {len(table)} rows do not fill {len(u)} x {len(v)} nodes; give one row for every pair")
+    order = np.lexsort((table[:, 1], table[:, 0]))
+    z = table[order, 2].reshape(len(u), len(v))
+    return Surface(tuple(u.tolist()), tuple(v.tolist()), tuple(map(tuple, z.tolist())))

@@ -1,0 +1,4 @@
+"""Geometries: one per file, each a function of dimensions that returns a Mesh."""
+
+if __name__ != "flashtemp.meshes":
+    raise ImportError("import flashtemp.meshes, not meshes: a second copy breaks isinstance")

@@ -1,0 +1,59 @@
+"""A rectangular block on a half-space of road that moves past below it (2D: x, z)."""
+
+from __future__ import annotations
+
+import numpy as np
+from flashtemp.meshes.grading import geometric, two_sided
+
+from flashtemp.mesh import Mesh
+
+
+def build(
+    length: float,
+    height: float,
+    depth: float,
+    cells: tuple[int, int, int] = (56, 34, 30),
+    first_x: float = 2e-5,
+    last_x: float = 1e-4,
+    first_block: float = 4e-6,
+    first_road: float = 3e-6,
+    upstream: float = 0.0,
+    downstream: float = 0.0,
+    refine: float = 1,
+) -> Mesh:
+    """Block of `length` x `height` on road of `depth`; all lengths in m.
+
+    `cells` = along the block, up the block, down the road; `first_*` the cell sizes at the leading
+    edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
+    shown before and behind the block; `refine` multiplies the cells of every direction on the
+    same map.
+
+    >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
+    Mesh 140 cells in 10 depth lines
+      block 10 x 8, first cell 4 um
+      road  10 x 6, first cell 3 um
+    """
+    along, up, down = cells
+    x = two_sided(length, first_x, last_x, along, refine)
+    first = 0
+    if upstream > 0:
+        n = _cells_for(upstream, 4 * first_x, 1.9)
+        before = -geometric(upstream, first_x, n, refine)[::-1]
+        first = len(before) - 1
+        x = np.concatenate([before[:-1], x])
+    last = len(x) - 1
+    if downstream > 0:
+        n = _cells_for(downstream, last_x, 1.35)
+        x = np.concatenate([x, length + geometric(downstream, last_x, n, refine)[1:]])
+    return Mesh(
+        x=x,
+        depth=geometric(depth, first_road, down, refine),
+        height=geometric(height, first_block, up, refine),
+        first=first,
+        last=last,
+    )
+
+
+def _cells_for(length: float, first: float, growth: float) -> int:
+    """Cells of a geometric series with the given growth, at least two."""
+    return max(2, round(np.log1p(length * (growth - 1) / first) / np.log(growth)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,9 +42,10 @@ class Progress:
     wall: float = 0.0
     left: np.ndarray | None = None  # heat (J/m) in block and lanes removed at restarts
     track: Track | None = None
+    columns: dict[str, list] | None = None  # of the track, as read from a checkpoint
 
 
-def record_times(phase, settings: Settings, first: bool) -> np.ndarray:
+def record_times(phase, settings: Settings) -> np.ndarray:
     """Times (s) at which profiles are kept: dense after each start, both ends of sliding."""
     span = phase.end - phase.begin
     n = settings.profiles if phase.sliding else max(4, settings.profiles // 4)
@@ -77,7 +78,7 @@ def march(
     now = state or Progress(y=np.zeros(balance.size), left=np.zeros(2))
     spent = now.wall
     if now.track is None and balance.laws.has("road.inflow"):
-        now.track = _track(scene)
+        now.track = replace(_track(scene), **(now.columns or {}))
     phases = scene.schedule.phases
     resumed = state is not None
     while now.phase < len(phases):
@@ -99,11 +100,13 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     atol[balance.n :] = 1e20  # the ledger follows the temperatures, it does not steer the steps
     tol = Tolerance(settings.rtol, atol, settings.order, max_step=phase.end - phase.begin)
     solver = Integrator(settings.binding, stage.rate, stage.setup, stage.solve, tol)
-    times = [t for t in record_times(phase, settings, now.phase == 0) if not resumed or t > now.t * (1 + 1e-13)]
-    t, y = (now.t, now.y) if resumed else (phase.begin, now.y)
-    tiny = 1e-9 * (phase.end - phase.begin)
+    times = record_times(phase, settings).tolist()
     total, wanted = len(times), settings.fields if phase.sliding else 2
     keep = {times[round(i * (total - 1) / max(1, wanted - 1))] for i in range(wanted)} if times else set()
+    if resumed:
+        times = [t for t in times if t > now.t]
+    t, y = (now.t, now.y) if resumed else (phase.begin, now.y)
+    tiny = 1e-9 * (phase.end - phase.begin)
     if times and times[0] <= t + tiny:
         at = times.pop(0)
         _record(balance, stage, at, y, now, at in keep)
@@ -278,5 +281,6 @@ def _finish(scene, balance, now, title) -> Run:
         field=np.array(r["cells"]),
         ambient_degC=scene.ambient - KELVIN,
         width=scene.width,
+        conductivity=(scene.block.conductivity, scene.road.conductivity),
         statistics=statistics,
     )

@@ -19,7 +19,7 @@ class Run:
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
     `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `friction` (n,) load
     weighted; `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
-    `field` (frames, cells), road cells as lane means.
+    `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
     """
 
     title: str
@@ -38,6 +38,7 @@ class Run:
     field: np.ndarray
     ambient_degC: float
     width: float
+    conductivity: tuple[float, float] = (0.25, 1.0)
     statistics: dict = field(default_factory=dict)
     case_text: str = ""
 

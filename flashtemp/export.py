@@ -1,0 +1,160 @@
+"""VTK for ParaView: one temporal VTKHDF file with block and road, and the reader that goes with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from flashtemp.run import Run
+
+QUAD = 9
+
+
+def bodies(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
+    """Block and road: x edges, z edges (m), cell indices (nx, nz) from low to high z, conductivity."""
+    mesh = run.mesh
+    x_block = mesh.x[mesh.first : mesh.last + 1]
+    k = run.conductivity
+    return {
+        "block": (x_block, mesh.height, mesh.block, k[0]),
+        "road": (mesh.x, -mesh.depth[::-1], mesh.road, k[1]),
+    }
+
+
+def heat_flux(T: np.ndarray, x: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
+    """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, nz)."""
+    centre = [0.5 * (e[1:] + e[:-1]) for e in (x, z)]
+    gx, gz = (
+        np.gradient(T, c, axis=a) if len(c) > 1 else np.zeros_like(T) for a, c in enumerate(centre)
+    )
+    return -k * np.stack([gx, np.zeros_like(gx), gz], axis=-1).reshape(-1, 3)
+
+
+def _grid(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) in m and quads (cells, 4) of a tensor grid, cells ordered (x, z)."""
+    X, Z = np.meshgrid(x, z, indexing="ij")
+    points = np.stack([X, np.zeros_like(X), Z], axis=-1).reshape(-1, 3)
+    i, k = np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1), indexing="ij")
+    a = (i * len(z) + k).ravel()
+    return points, np.stack([a, a + len(z), a + len(z) + 1, a + 1], axis=-1)
+
+
+def write(run: Run, path: Path) -> None:
+    """Write fields of a run as temporal VTKHDF (MultiBlock of UnstructuredGrid, format 2.1).
+
+    Cell data `T_degC` and `q_W_m2`, lengths in m, time in s; block and road share one interface
+    at z = 0.  Case text and statistics travel in the group "flashtemp" beside the data.
+    """
+    times = run.time[run.frames]
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF", track_order=True)
+        _mark(root, "MultiBlockDataSet")
+        for name, (x, z, cells, k) in bodies(run).items():
+            leaf = root.create_group(name)
+            _mark(leaf, "UnstructuredGrid")
+            points, quads = _grid(x, z)
+            n = len(quads)
+            leaf["Points"] = points
+            leaf["Connectivity"] = quads.ravel().astype(np.int64)
+            leaf["Offsets"] = np.arange(0, 4 * n + 1, 4, dtype=np.int64)
+            leaf["Types"] = np.full(n, QUAD, dtype=np.uint8)
+            leaf["NumberOfPoints"] = np.array([len(points)], dtype=np.int64)
+            leaf["NumberOfCells"] = np.array([n], dtype=np.int64)
+            leaf["NumberOfConnectivityIds"] = np.array([4 * n], dtype=np.int64)
+            T = run.field[:, cells].reshape(len(times), n)
+            q = [heat_flux(f.reshape(cells.shape), x, z, k) for f in T]
+            data = leaf.create_group("CellData")
+            data["T_degC"] = T.reshape(-1).astype(np.float32)
+            data["T_degC"].attrs["units"] = "degC"
+            data["q_W_m2"] = np.concatenate(q).astype(np.float32)
+            data["q_W_m2"].attrs["units"] = "W/m2"
+            _steps(leaf, times, n)
+        assembly = root.create_group("Assembly", track_order=True)
+        for name in bodies(run):
+            assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+        about = file.create_group("flashtemp")
+        about.attrs["title"] = run.title
+        about.attrs["case"] = run.case_text
+        for key, value in run.statistics.items():
+            about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
+
+
+def _mark(group, kind: str) -> None:
+    group.attrs["Version"] = np.array([2, 1], dtype=np.int64)
+    group.attrs.create("Type", kind.encode("ascii"), dtype=h5py.string_dtype("ascii", len(kind)))
+
+
+def _steps(leaf, times: np.ndarray, cells: int) -> None:
+    """Time steps of a leaf whose mesh never changes."""
+    steps = leaf.create_group("Steps")
+    n = len(times)
+    steps.attrs["NSteps"] = np.int64(n)
+    steps["Values"] = times.astype(float)
+    zero = np.zeros(n, dtype=np.int64)
+    for name in ("PartOffsets", "PointOffsets"):
+        steps[name] = zero
+    steps["NumberOfParts"] = zero + 1
+    for name in ("CellOffsets", "ConnectivityIdOffsets"):
+        steps[name] = zero[:, None]
+    offsets = steps.create_group("CellDataOffsets")
+    for name in ("T_degC", "q_W_m2"):
+        offsets[name] = np.arange(n, dtype=np.int64) * cells
+
+
+def write_pvd(run: Run, folder: Path) -> Path:
+    """Write a .pvd collection of rectilinear grids for ParaView older than VTK 9.4."""
+    import pyvista as pv
+
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for i, t in enumerate(run.time[run.frames]):
+        for part, (name, (x, z, cells, _)) in enumerate(bodies(run).items()):
+            grid = pv.RectilinearGrid(x, np.zeros(1), z)
+            grid.cell_data["T_degC"] = run.field[i][cells].T.ravel()
+            file = folder / f"{name}_{i:04d}.vtr"
+            grid.save(file)
+            entries.append(f'    <DataSet timestep="{t:.9g}" part="{part}" name="{name}" file="{file.name}"/>')
+    body = "\n".join(entries)
+    path = folder / "fields.pvd"
+    path.write_text(
+        f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n{body}\n'
+        "  </Collection>\n</VTKFile>\n"
+    )
+    return path
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Fields of a finished run: `times` (n,) in s, and the grids at any of them."""
+
+    path: Path
+    times: np.ndarray
+
+    def at(self, t: float):
+        """pyvista MultiBlock with "block" and "road" at the kept time nearest to t."""
+        import pyvista as pv
+
+        reader = pv.get_reader(self.path).reader
+        reader.SetStep(int(np.argmin(np.abs(self.times - t))))
+        reader.Update()
+        return pv.wrap(reader.GetOutputDataObject(0))
+
+    def T(self, body: str, t: float) -> np.ndarray:
+        """Cell temperatures (cells,) in degC of "block" or "road" at the kept time nearest to t."""
+        k = int(np.argmin(np.abs(self.times - t)))
+        with h5py.File(self.path) as file:
+            leaf = file[f"VTKHDF/{body}"]
+            n = int(leaf["NumberOfCells"][0])
+            return leaf["CellData/T_degC"][k * n : (k + 1) * n]
+
+
+def open_fields(path) -> Fields:
+    """Open the fields.vtkhdf of a result folder (or the file itself)."""
+    path = Path(path)
+    file = path / "fields.vtkhdf" if path.is_dir() else path
+    with h5py.File(file) as handle:
+        times = handle["VTKHDF/block/Steps/Values"][:]
+    return Fields(file, times)

@@ -1,0 +1,209 @@
+"""One job from case to result folder: whole or absent, resumable, re-runnable from what it holds."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from flashtemp import case as cases
+from flashtemp import export
+from flashtemp.errors import BadInput, Interrupted
+from flashtemp.march import Progress, march
+from flashtemp.run import Run
+
+CHECKPOINT = "checkpoint.h5"
+EVERY = 30.0  # s of wall time between checkpoints
+
+
+def free_name(out: Path) -> Path:
+    """The folder itself, or the first of name-2, name-3... that does not exist yet."""
+    n, path = 1, out
+    while path.exists() or partial(path).exists():
+        n += 1
+        path = out.with_name(f"{out.name}-{n}")
+    return path
+
+
+def partial(out: Path) -> Path:
+    """Where a result is written until it is whole."""
+    return out.with_name(out.name + ".partial")
+
+
+def simulate(
+    case: cases.Case,
+    out: Path | None = None,
+    overwrite: bool = False,
+    pvd: bool = False,
+    watch: Callable[[Progress, float], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Run:
+    """March a case and, with `out`, leave a whole result folder there.
+
+    `watch(progress, end)` is told about every step.  Raises BadInput when `out` exists,
+    Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
+    """
+    scene, numerics = cases.build(case), cases.settings(case)
+    if out is None:
+        return march(scene, numerics, case.title, None, _watcher(None, scene, watch))
+    out = Path(out)
+    if out.exists() and not overwrite:
+        raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
+    work = partial(out)
+    if work.exists():
+        if (work / CHECKPOINT).exists() and not overwrite:
+            raise BadInput(f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume {out}' or --overwrite")
+        shutil.rmtree(work)
+    work.mkdir(parents=True)
+    try:
+        (work / "case.toml").write_text(case.toml(_copy_inputs(case, work)), encoding="utf-8")
+        return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say)
+    except Interrupted:
+        raise
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+
+
+def resume(
+    folder: Path,
+    pvd: bool = False,
+    watch: Callable[[Progress, float], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Run:
+    """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1."""
+    folder = Path(folder)
+    out = folder.with_name(folder.name.removesuffix(".partial"))
+    work = partial(out)
+    if not (work / CHECKPOINT).is_file():
+        what = "it is already whole" if (out / "run.nc").exists() else f"no {CHECKPOINT} in {work}"
+        raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
+    case = cases.load(work)
+    return _carry_out(case, cases.build(case), cases.settings(case), load_checkpoint(work), work, out, pvd, watch, say)
+
+
+def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
+    with _signals() as stopped:
+        state = state or Progress()
+        box: dict[str, Progress] = {}
+        try:
+            run = march(scene, numerics, case.title, state if state.y is not None else None, _watcher(work, scene, watch, stopped, box))
+        except KeyboardInterrupt:
+            save_checkpoint(work, box["progress"])
+            raise Interrupted(work) from None
+        text = (work / "case.toml").read_text(encoding="utf-8")
+        run = replace(run, case_text=text, statistics=run.statistics | {"versions": versions(numerics.binding)})
+        run.save(work)
+        if case["output.vtk"]:
+            say("writing fields.vtkhdf")
+            export.write(run, work / "fields.vtkhdf")
+        if pvd:
+            export.write_pvd(run, work / "pvd")
+        if case["output.pictures"]:
+            say("drawing pictures")
+            from flashtemp import viz
+
+            viz.draw_all(run, work)
+        (work / CHECKPOINT).unlink(missing_ok=True)
+        if out.exists():
+            shutil.rmtree(out)
+        work.rename(out)
+    return run
+
+
+def _copy_inputs(case: cases.Case, work: Path) -> dict[str, str]:
+    """Copy the files that a case names into the result; returns their new names by key."""
+    renamed: dict[str, str] = {}
+    taken: dict[str, str] = {}
+    for key, name in case.files().items():
+        new = Path(name).name if taken.get(Path(name).name, name) == name else f"{key}-{Path(name).name}"
+        taken[new] = name
+        shutil.copyfile(case.folder / name, work / new)
+        renamed[key] = new
+    return renamed
+
+
+def _watcher(work, scene, watch, stopped=None, box=None):
+    """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
+    end, last = scene.schedule.end, time.monotonic()
+
+    def hook(progress: Progress) -> bool:
+        nonlocal last
+        if box is not None:
+            box["progress"] = progress
+        if watch is not None:
+            watch(progress, end)
+        if work is not None and time.monotonic() - last > EVERY:
+            save_checkpoint(work, progress)
+            last = time.monotonic()
+        return stopped is not None and stopped.is_set()
+
+    return hook
+
+
+@contextmanager
+def _signals():
+    """SIGINT and SIGTERM set a flag that the march sees after its current step."""
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    old = {s: signal.signal(s, lambda *_: stopped.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for s, handler in old.items():
+            signal.signal(s, handler)
+
+
+def save_checkpoint(work: Path, p: Progress) -> None:
+    """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
+    fresh = work / (CHECKPOINT + ".new")
+    with h5py.File(fresh, "w") as file:
+        file.attrs.update({"t": p.t, "phase": p.phase, "steps": p.steps, "wall": p.wall, **{f"calls_{k}": v for k, v in p.calls.items()}})
+        file["y"], file["left"] = p.y, p.left
+        for name, values in p.records.items():
+            data = np.array(values, dtype=object if name == "ledger" else None)
+            file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
+        if p.track is not None:
+            for name in ("place", "time", "mean", "lane"):
+                file[f"track/{name}"] = np.array(getattr(p.track, name))
+    fresh.replace(work / CHECKPOINT)
+
+
+def load_checkpoint(work: Path) -> Progress:
+    """The Progress of a checkpoint; the track's columns are put back when the march rebuilds it."""
+    with h5py.File(work / CHECKPOINT) as file:
+        a = file.attrs
+        records = {k: list(v[:]) for k, v in file["records"].items()}
+        records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
+        columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
+        return Progress(
+            t=float(a["t"]),
+            phase=int(a["phase"]),
+            y=file["y"][:],
+            records=records,
+            steps=int(a["steps"]),
+            calls={k: int(a[f"calls_{k}"]) for k in ("rate", "setup", "solve")},
+            wall=float(a["wall"]),
+            left=file["left"][:],
+            columns=columns,
+        )
+
+
+def versions(binding: str) -> dict[str, str]:
+    """Versions of everything that had a hand in the result."""
+    import platform
+    from importlib.metadata import version
+
+    package = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}[binding]
+    names = ("flashtemp", "numpy", "scipy", "numba", package)
+    return {"python": platform.python_version(), **{n: version(n) for n in names}}

@@ -72,6 +72,9 @@ def write(run: Run, path: Path) -> None:
             data["q_W_m2"] = np.concatenate(q).astype(np.float32)
             data["q_W_m2"].attrs["units"] = "W/m2"
             _steps(leaf, times, n)
+        steps = root.create_group("Steps")  # without it the reader offers only the first time
+        steps.attrs["NSteps"] = np.int64(len(times))
+        steps["Values"] = times.astype(float)
         assembly = root.create_group("Assembly", track_order=True)
         for name in bodies(run):
             assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")

@@ -100,7 +100,7 @@ def _spot_temperature(a, b, friction, guess):
         if attempt > 15:
             step = 0.5 * step
         T = T.real - step
-        if np.all(np.abs(step) <= 1e-11 * np.abs(T)):
+        if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
             if np.iscomplexobj(a):  # one complex step at the solution carries the derivative
                 T = T - (T - a - b * (mu + 0.0)) / slope
                 mu = mu + dmu * 1j * T.imag

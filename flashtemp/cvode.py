@@ -45,17 +45,16 @@ def choose(name: str | None) -> str:
 class Integrator:
     """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
 
-    `rate(t, y, out)`, `setup(t, y, gamma, fresh)` and `solve(r, z)` are the system and its
-    preconditioner.  A failing callback's own error is raised, not CVODE's.
+    `system` offers `rate(t, y, out)`, `times(v, out)` for J v, and the preconditioner's
+    `setup(t, y, gamma)` and `solve(r, z)`.  A failing callback's own error is raised, not CVODE's.
     """
 
-    def __init__(self, binding: str, rate: Callable, setup: Callable, solve: Callable, tol: Tolerance):
+    def __init__(self, binding: str, system, tol: Tolerance):
         self._fault: Exception | None = None
-        self.steps = 0
+        self.steps, self.t = 0, 0.0
         make = _odes if binding == "scikits-odes" else _sundae
-        self._start, self._advance, self._interpolate = make(
-            self._guard(rate), self._guard(setup), self._guard(solve), tol
-        )
+        parts = (self._guard(f) for f in (system.rate, system.times, system.setup, system.solve))
+        self._start, self._advance, self._interpolate = make(*parts, tol)
 
     def _guard(self, callback):
         def call(*args):
@@ -71,6 +70,7 @@ class Integrator:
 
     def start(self, t: float, y: np.ndarray, stop: float) -> None:
         """Begin at (t, y); the integration never passes `stop`."""
+        self.t = t
         self._start(t, y, stop)
 
     def step(self) -> tuple[float, np.ndarray]:
@@ -85,7 +85,9 @@ class Integrator:
             raise self._fault
         if reason:
             raise SolverFailure(reason)
-        self.steps += 1
+        if t > self.t:  # after an interpolation CVODE first returns where it stood
+            self.steps += 1
+        self.t = t
         return t, y
 
     def at(self, t: float) -> np.ndarray:
@@ -93,7 +95,7 @@ class Integrator:
         return self._interpolate(t)
 
 
-def _odes(rate, setup, solve, tol: Tolerance):
+def _odes(rate, times, setup, solve, tol: Tolerance):
     """scikits-odes: callbacks get copies of CVODE's vectors."""
     from scikits_odes_sundials.cvode import CVODE, StatusEnum
 
@@ -102,18 +104,22 @@ def _odes(rate, setup, solve, tol: Tolerance):
         return 0
 
     def psetup(t, y, jok, jcur, gamma):
-        setup(t, y, gamma, not jok)
-        jcur.value = not jok
+        setup(t, y, gamma)
+        jcur.value = True
         return 0
 
     def psolve(t, y, r, z, gamma, delta, lr):
         solve(r, z)
         return 0
 
+    def jtimes(v, jv, t, y):
+        times(v, jv)
+        return 0
+
     def make(tstop):
         return CVODE(
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
-            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, max_steps=100000,
+            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes, max_steps=100000,
             first_step_size=tol.first_step, max_step_size=tol.max_step, one_step_compute=True,
             tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
@@ -142,19 +148,22 @@ def _odes(rate, setup, solve, tol: Tolerance):
     return start, advance, interpolate
 
 
-def _sundae(rate, setup, solve, tol: Tolerance):
+def _sundae(rate, times, setup, solve, tol: Tolerance):
     """scikit-sundae: callbacks share CVODE's memory."""
-    from sksundae.cvode import CVODE, CVODEPrecond
+    from sksundae.cvode import CVODE, CVODEJacTimes, CVODEPrecond
 
     def rfn(t, y, ydot):
         rate(t, y, ydot)
 
     def psetup(t, y, yp, jok, jnew, gamma):
-        setup(t, y, gamma, not jok)
-        jnew[0] = 0 if jok else 1
+        setup(t, y, gamma)
+        jnew[0] = 1
 
     def psolve(t, y, yp, r, z, gamma, delta, lr):
         solve(r, z)
+
+    def jtimes(t, y, yp, v, jv):
+        times(v, jv)
 
     box = {}
 
@@ -162,7 +171,7 @@ def _sundae(rate, setup, solve, tol: Tolerance):
         box["stop"] = stop
         box["solver"] = CVODE(
             rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
-            precond=CVODEPrecond(psetup, psolve, "left"), krylov_dim=20, max_num_steps=100000,
+            precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes), krylov_dim=20, max_num_steps=100000,
             first_step=tol.first_step, max_step=tol.max_step,
         )  # fmt: skip
         box["solver"].init_step(t, y)

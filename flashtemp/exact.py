@@ -60,7 +60,9 @@ def persson_kernel(a: float, b: float, diffusivity: float, tau):
     """V4: kernel K(a, b, D tau) in 1/m, for source decay a and weight b (1/m).  Theory 1.6 eq. (14)."""
     y = a * np.sqrt(diffusivity * tau)
     if a == b:
-        return 0.5 * a * ((1 - 2 * y * y) * erfcx(y) + 2 * y / ROOT_PI)
+        late = np.maximum(y, 1.0)  # the closed form loses its digits to cancellation as y^2
+        tail = (2 / late - 2 / late**3 + 4.5 / late**5) / ROOT_PI
+        return 0.5 * a * np.where(y > 300, tail, (1 - 2 * y * y) * erfcx(y) + 2 * y / ROOT_PI)
     return a * b / (b * b - a * a) * (b * erfcx(y) - a * erfcx(b * np.sqrt(diffusivity * tau)))
 
 
@@ -261,8 +263,9 @@ def slab_mode(body: Material, height: float, h: float) -> tuple[float, float, fl
     return zeta, _amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
 
 
-def slab_cooling(body: Material, height: float, h: float, t: float, z=0.0, modes: int = 40):
+def slab_cooling(body: Material, height: float, h: float, t: float, z=0.0):
     """V14: what is left (1) of a unit rise in a slab cooled at z = 0, insulated at z = height (m)."""
+    modes = 2 + int(np.sqrt(40 * height**2 / (np.pi**2 * body.diffusivity * t)))
     roots = np.array([_slab_root(h * height / body.conductivity, n) for n in range(modes)])
     u = 1 - np.asarray(z, dtype=float)[..., None] / height
     decay = np.exp(-np.square(roots / height) * body.diffusivity * t)
@@ -305,7 +308,11 @@ def wear_depth(wear: float, pressure: float, slid):
 def lane_retained(diffusivity: float, diameter: float, tau):
     """V23: share (1) of heat still under the disc on which it was released tau (s) ago, eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
-    return 1 - ive(0, X) - ive(1, X)
+    wide = np.maximum(X, 1.0)  # far from the rim, where the Bessel functions lose their digits
+    kept = np.where(
+        X > 1e5, (2 - 0.25 / wide) / np.sqrt(2 * np.pi * wide), ive(0, np.minimum(X, 1e5)) + ive(1, np.minimum(X, 1e5))
+    )
+    return 1 - kept
 
 
 def lane_factor(diffusivity: float, diameter: float, t: float) -> float:

@@ -192,7 +192,7 @@ def load_checkpoint(work: Path) -> Progress:
             y=file["y"][:],
             records=records,
             steps=int(a["steps"]),
-            calls={k: int(a[f"calls_{k}"]) for k in ("rate", "setup", "solve")},
+            calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
             wall=float(a["wall"]),
             left=file["left"][:],
             columns=columns,

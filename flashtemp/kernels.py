@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True)
 def face_conductances(start, m, half_x, half_z, factor, gx, gz):
     """Series conductances W/(m K) per metre across: gx to the line upstream, gz to the cell above.
 
@@ -33,7 +33,7 @@ def face_conductances(start, m, half_x, half_z, factor, gx, gz):
                 gx[c] = 0.0
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True)
 def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
     """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
 
@@ -69,14 +69,53 @@ def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
                 rate[b + k] += q
 
 
-@njit(cache=True, fastmath=False)
-def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, down, share, inv, mul, low, low2, high):
+@njit(cache=True)
+def line_solve(o, a, size, m, gamma, gz, up, down, inv, mul, z):
+    """Solve one depth line in place, z starting at o, with the factors of `factorise`."""
+    nb = size - m
+    f = a - o
+    both = min(m, nb)
+    for k in range(1, both):
+        z[o + k] -= mul[a + k] * z[o + k - 1]
+        t = o + size - 1 - k
+        z[t] -= mul[f + t] * z[t + 1]
+    for k in range(max(both, 1), m):
+        z[o + k] -= mul[a + k] * z[o + k - 1]
+    for k in range(max(both, 1), nb):
+        t = o + size - 1 - k
+        z[t] -= mul[f + t] * z[t + 1]
+    s = o + m - 1
+    if nb == 0:
+        z[s] *= inv[f + s]
+    else:
+        under, over = inv[f + s], inv[f + s + 1]
+        u, d = -gamma * up, -gamma * down
+        scale = 1.0 / (1.0 - u * d * under * over)
+        road = (z[s] - u * over * z[s + 1]) * under * scale
+        z[s + 1] = (z[s + 1] - d * under * z[s]) * over * scale
+        z[s] = road
+    for k in range(1, both):
+        t = s - k
+        z[t] = (z[t] + gamma * gz[f + t] * z[t + 1]) * inv[f + t]
+        t = s + 1 + k
+        z[t] = (z[t] + gamma * gz[f + t - 1] * z[t - 1]) * inv[f + t]
+    for k in range(max(both, 1), m):
+        t = s - k
+        z[t] = (z[t] + gamma * gz[f + t] * z[t + 1]) * inv[f + t]
+    for k in range(max(both, 1), nb):
+        t = s + 1 + k
+        z[t] = (z[t] + gamma * gz[f + t - 1] * z[t - 1]) * inv[f + t]
+
+
+@njit(cache=True)
+def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, down, share, stretch, inv, mul, low, low2, high):
     """Factors of P = (D + L) D^-1 (D + U) for capacity - gamma K, line by line downstream.
 
     `own` (cells) adds to the diagonal of K (boundary and contact laws), `up`, `down` (lines) are
     K's entries across the interface: d(road rate)/d(block T) and d(block rate)/d(road T).  The
     diagonals D are corrected so that every column of P, road rows weighted by the lanes' `share` of
-    the width, sums to that of the exact matrix: the preconditioner conserves heat.  Writes `inv` 1/pivot, `mul` elimination factors, `low`, `low2`
+    the width, sums to that of the exact matrix: the preconditioner conserves heat.  `stretch` is
+    dh/dT (cells), 1 while heat capacities are constant.  Writes `inv` 1/pivot, `mul` elimination factors, `low`, `low2`
     couplings to one and two lines upstream, `high` the conduction to the line downstream.
     """
     n = len(start) - 1
@@ -103,27 +142,32 @@ def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, do
             low2[c] = 0.0
             if k < m:
                 s = slope[i]
-                d -= carry[k] * (1.0 + s)
+                d -= carry[k] * (1.0 + s) * stretch[c]
                 if i == 0:
                     d -= g_in[k]
                     low[c] = 0.0
                 else:
-                    low[c] -= gamma * carry[k] * (1.0 + slope[i - 1] + s)
-                    low2[c] = gamma * carry[k] * slope[i - 1]
-            inv[c] = capacity[c] - gamma * d + fix[k]
+                    low[c] -= gamma * carry[k] * (1.0 + slope[i - 1] + s) * stretch[start[i - 1] + k]
+                    if i > 1:
+                        low2[c] = gamma * carry[k] * slope[i - 1] * stretch[start[i - 2] + k]
+            inv[c] = capacity[c] * stretch[c] - gamma * d + fix[k]
         for k in range(size):
             fix[k] = 0.0
-        # Thomas: pivots from the deepest cell upwards; gz is symmetric except across the interface
+        # pivots towards the interface from both ends: two chains that the processor runs at once
+        nb = size - m
         inv[a] = 1.0 / inv[a]
-        for k in range(1, size):
+        for k in range(1, m):
             c = a + k
-            below = -gamma * gz[c - 1]
-            above = below
-            if k == m:
-                below = -gamma * down[i]
-                above = -gamma * up[i]
-            mul[c] = below * inv[c - 1]
-            inv[c] = 1.0 / (inv[c] - mul[c] * above)
+            g = gamma * gz[c - 1]
+            mul[c] = -g * inv[c - 1]
+            inv[c] = 1.0 / (inv[c] + mul[c] * g)
+        if nb > 0:
+            inv[b - 1] = 1.0 / inv[b - 1]
+            for k in range(nb - 2, -1, -1):
+                c = a + m + k
+                g = gamma * gz[c]
+                mul[c] = -g * inv[c + 1]
+                inv[c] = 1.0 / (inv[c] + mul[c] * g)
         # column sums of L D^-1 U go back onto the next diagonal
         if i + 1 < n:
             top = min(size, start[i + 2] - b)
@@ -132,42 +176,23 @@ def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, do
             for k in range(top):
                 s = -gamma * gx[b + k]
                 if k < m:
-                    s -= gamma * carry[k] * (1.0 + slope[i] + slope[i + 1])
+                    s -= gamma * carry[k] * (1.0 + slope[i] + slope[i + 1]) * stretch[a + k]
                     if i + 2 < n:
-                        s += gamma * carry[k] * slope[i + 1]
+                        s += gamma * carry[k] * slope[i + 1] * stretch[a + k]
                 work[k] = s * share if k < m else s
-            # transposed solve D^T w = work
-            for k in range(1, size):
-                c = a + k
-                above = -gamma * gz[c - 1]
-                if k == m:
-                    above = -gamma * up[i]
-                work[k] -= above * inv[c - 1] * work[k - 1]
-            work[size - 1] *= inv[a + size - 1]
-            for k in range(size - 2, -1, -1):
-                c = a + k
-                work[k] = work[k] * inv[c] - mul[c + 1] * work[k + 1]
+            # D is symmetric but for the interface: D^T is D with `up` and `down` exchanged
+            line_solve(0, a, size, m, gamma, gz, down[i], up[i], inv, mul, work)
             for k in range(top):
                 fix[k] = -work[k] * high[a + k] / (share if k < m else 1.0)
 
 
-@njit(cache=True, fastmath=False)
-def line_solve(a, size, m, gamma, gz, up, inv, mul, z):
-    """Solve one depth line in place with the factors of `factorise`."""
-    for k in range(1, size):
-        z[a + k] -= mul[a + k] * z[a + k - 1]
-    z[a + size - 1] *= inv[a + size - 1]
-    for k in range(size - 2, -1, -1):
-        c = a + k
-        g = up if k + 1 == m else gz[c]
-        z[c] = (z[c] + gamma * g * z[c + 1]) * inv[c]
-
-
-@njit(cache=True, fastmath=False)
-def sweep(start, m, capacity, gz, gamma, up, inv, mul, low, low2, high, r, z):
+@njit(cache=True)
+def sweep(start, m, capacity, gz, gamma, up, down, inv, mul, low, low2, high, r, z):
     """z = P^-1 (capacity r): lines solved in the direction of sliding, then corrected back."""
     n = len(start) - 1
+    longest = 0
     for i in range(n):
+        longest = max(longest, start[i + 1] - start[i])
         a, b = start[i], start[i + 1]
         size = b - a
         for c in range(a, b):
@@ -180,22 +205,34 @@ def sweep(start, m, capacity, gz, gamma, up, inv, mul, low, low2, high, r, z):
             p = start[i - 2]
             for k in range(m):
                 z[a + k] -= low2[a + k] * z[p + k]
-        line_solve(a, size, m, gamma, gz, up[i], inv, mul, z)
-    work = np.zeros(start[n] - start[0])
+        line_solve(a, a, size, m, gamma, gz, up[i], down[i], inv, mul, z)
+    work = np.empty(longest)
     for i in range(n - 2, -1, -1):
         a, b = start[i], start[i + 1]
         size = b - a
         top = min(size, start[i + 2] - b)
-        for k in range(size):
-            work[a + k] = 0.0
         for k in range(top):
-            work[a + k] = high[a + k] * z[b + k]
-        line_solve(a, size, m, gamma, gz, up[i], inv, mul, work)
-        for c in range(a, b):
-            z[c] -= work[c]
+            work[k] = high[a + k] * z[b + k]
+        for k in range(top, size):
+            work[k] = 0.0
+        line_solve(0, a, size, m, gamma, gz, up[i], down[i], inv, mul, work)
+        for k in range(size):
+            z[a + k] -= work[k]
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True)
+def add_slopes(start, m, own, up, down, v, rate):
+    """Add the linearised boundary and contact laws to `rate`: diagonal, and across the interface."""
+    for c in range(len(v)):
+        rate[c] += own[c] * v[c]
+    for i in range(len(start) - 1):
+        if start[i + 1] - start[i] > m:
+            s = start[i] + m - 1
+            rate[s] += up[i] * v[s + 1]
+            rate[s + 1] += down[i] * v[s]
+
+
+@njit(cache=True)
 def exchange(offset, cell, area, half, factor, film, far, T, rate, own, total, surface):
     """Convective films: heat (W/m per cell) from `far` (K) through `film` (m2 K/W) and half a cell.
 
@@ -218,7 +255,7 @@ def exchange(offset, cell, area, half, factor, film, far, T, rate, own, total, s
             surface[s] += area[j] * T[c] + q * inner
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True)
 def deposit(block, weight, power, rate):
     """Volumetric friction heat: `power` (W/m per line) shared over block cells by `weight`."""
     for i in range(block.shape[0]):

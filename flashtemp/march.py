@@ -38,7 +38,7 @@ class Progress:
     y: np.ndarray | None = None
     records: dict[str, list] = field(default_factory=dict)
     steps: int = 0
-    calls: dict[str, int] = field(default_factory=lambda: {"rate": 0, "setup": 0, "solve": 0})
+    calls: dict[str, int] = field(default_factory=lambda: {"rate": 0, "times": 0, "setup": 0, "solve": 0})
     wall: float = 0.0
     left: np.ndarray | None = None  # heat (J/m) in block and lanes removed at restarts
     track: Track | None = None
@@ -99,7 +99,7 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     atol = np.full(balance.size, settings.atol or 10 * settings.rtol)
     atol[balance.n :] = 1e20  # the ledger follows the temperatures, it does not steer the steps
     tol = Tolerance(settings.rtol, atol, settings.order, max_step=phase.end - phase.begin)
-    solver = Integrator(settings.binding, stage.rate, stage.setup, stage.solve, tol)
+    solver = Integrator(settings.binding, stage, tol)
     times = record_times(phase, settings).tolist()
     total, wanted = len(times), settings.fields if phase.sliding else 2
     keep = {times[round(i * (total - 1) / max(1, wanted - 1))] for i in range(wanted)} if times else set()
@@ -110,6 +110,7 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     if times and times[0] <= t + tiny:
         at = times.pop(0)
         _record(balance, stage, at, y, now, at in keep)
+    before = now.steps
     solver.start(t, y, phase.end)
     try:
         while phase.end - t > tiny:
@@ -120,7 +121,7 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
             if now.track is not None and phase.sliding:
                 _leave(scene, stage, t, y, now.track)
             now.t, now.y = t, y
-            now.steps += 1
+            now.steps = before + solver.steps
             now.wall = spent + clock.perf_counter() - began
             if watch is not None and watch(now):
                 _count(now, stage)
@@ -260,6 +261,7 @@ def _finish(scene, balance, now, title) -> Run:
     statistics = {
         "steps": now.steps,
         "rhs_evaluations": now.calls["rate"],
+        "jacobian_products": now.calls["times"],
         "preconditioner_setups": now.calls["setup"],
         "preconditioner_solves": now.calls["solve"],
         "wall_s": now.wall,

@@ -14,7 +14,7 @@ class Stage:
 
     def __init__(self, balance: Balance, phase, inflow=None):
         self.b, self.phase, self.inflow = balance, phase, inflow
-        self.calls = {"rate": 0, "setup": 0, "solve": 0}
+        self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         mesh, n = balance.scene.mesh, balance.n
         lines = mesh.n_lines
         self._key = self._state = self._film_key = None
@@ -229,20 +229,20 @@ class Stage:
             led["lane_air" if part.site == "road" else part.to] += heat.sum()
 
     # --- preconditioner ------------------------------------------------------------------------
-    def setup(self, t: float, y: np.ndarray, gamma: float, fresh: bool) -> None:
-        """Factors of P = I - gamma J by depth lines; `fresh` re-evaluates the contact's slopes."""
+    def setup(self, t: float, y: np.ndarray, gamma: float) -> None:
+        """Linearise at (t, y) and factorise P = I - gamma J by depth lines."""
         self.calls["setup"] += 1
         b, mesh = self.b, self.b.scene.mesh
         now = self.moment(t)
         T = b.rise(y[: b.n])
-        gx, gz, kf = self._conduction(T, now)
-        if fresh or not self.calls["setup"]:
-            self._linearise(now, T, kf)
-        self.gamma, self.gz_now = gamma, gz
+        self.gx, self.gz, kf = self._conduction(T, now)
+        self.gamma, self.carry = gamma, self.carry_unit * now.speed
+        self.stretch = b.ones if b.capacity_slope is None else 1.0 + b.capacity_slope * T
+        self._linearise(now, T, kf)
         inv, mul, low, low2, high = self.factors
         kernels.factorise(
-            mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry_unit * now.speed, b.slope, b.g_in,
-            gamma, self.own, self.up, self.down, float(np.mean(self._state.phi)), inv, mul, low, low2, high,
+            mesh.start, mesh.n_road, b.capacity, self.gx, self.gz, self.carry, b.slope, b.g_in, gamma,
+            self.own, self.up, self.down, float(np.mean(self._state.phi)), self.stretch, inv, mul, low, low2, high,
         )  # fmt: skip
 
     def _linearise(self, now, T, kf) -> None:
@@ -302,10 +302,11 @@ class Stage:
                 ("lane_in", dx, d.road),
             ):
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
-        carry, last = self.carry_unit * now.speed, mesh.road[-2:]
+        last = mesh.road[-2:]
+        leave, before = (self.carry * self.stretch[cells] for cells in (last[1], last[0]))
         rows["lane_out"] += [
-            (last[1], carry * (1 + b.slope[-1])),
-            (last[0], -carry * b.slope[-1]),
+            (last[1], leave * (1 + b.slope[-1])),
+            (last[0], -before * b.slope[-1]),
             (mesh.road[0], b.g_in),
         ]
         self.rows = [
@@ -322,27 +323,35 @@ class Stage:
             return np.zeros(at.stop - at.start)
         return -b.site_area[at] / (b.site_half[at] / kf[b.site_cell[at]] + self.film[s])
 
+    def times(self, v: np.ndarray, out: np.ndarray) -> None:
+        """out = J v with the balance linearised at the last set-up; conserves heat like the rate."""
+        self.calls["times"] += 1
+        b, mesh, n = self.b, self.b.scene.mesh, self.b.n
+        h = v[:n]
+        T = h if b.capacity_slope is None else h / self.stretch
+        out[:] = 0.0
+        q = out[:n]
+        none = self.no_inflow
+        kernels.heat_flows(
+            mesh.start, mesh.n_road, self.gx, self.gz, self.carry, b.slope, T, h, none, none, b.g_in, q
+        )  # fmt: skip
+        kernels.add_slopes(mesh.start, mesh.n_road, self.own, self.up, self.down, T, q)
+        q /= b.capacity
+        for i, index, weight in self.rows:
+            out[i] = weight @ T[index]
+
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        """z = P^-1 r for cells; the ledger follows them through the rate."""
+        """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""
         self.calls["solve"] += 1
         b, mesh, n = self.b, self.b.scene.mesh, self.b.n
         inv, mul, low, low2, high = self.factors
-        cells = z[:n]
+        T = z[:n]
         kernels.sweep(
-            mesh.start,
-            mesh.n_road,
-            b.capacity,
-            self.gz_now,
-            self.gamma,
-            self.up,
-            inv,
-            mul,
-            low,
-            low2,
-            high,
-            r[:n],
-            cells,
-        )
+            mesh.start, mesh.n_road, b.capacity, self.gz, self.gamma, self.up, self.down,
+            inv, mul, low, low2, high, r[:n], T,
+        )  # fmt: skip
         z[n:] = r[n:]
-        for i, index, weight in self.rows:  # ledger rows exactly, so that Krylov steps conserve heat
-            z[i] += self.gamma * (weight @ cells[index])
+        for i, index, weight in self.rows:
+            z[i] += self.gamma * (weight @ T[index])
+        if b.capacity_slope is not None:
+            T *= self.stretch

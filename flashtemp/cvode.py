@@ -15,12 +15,11 @@ BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"
 
 @dataclass(frozen=True)
 class Tolerance:
-    """`rtol` relative, `atol` (size,) absolute in K (and J/m); `order` the highest BDF order."""
+    """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s."""
 
     rtol: float
-    atol: np.ndarray
+    atol: float
     order: int = 5
-    first_step: float = 0.0
     max_step: float = 0.0
 
 
@@ -119,8 +118,7 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
     def make(tstop):
         return CVODE(
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
-            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes, max_steps=100000,
-            first_step_size=tol.first_step, max_step_size=tol.max_step, one_step_compute=True,
+            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes, max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
             tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
 
@@ -172,7 +170,7 @@ def _sundae(rate, times, setup, solve, tol: Tolerance):
         box["solver"] = CVODE(
             rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
             precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes), krylov_dim=20, max_num_steps=100000,
-            first_step=tol.first_step, max_step=tol.max_step,
+            max_step=tol.max_step,
         )  # fmt: skip
         box["solver"].init_step(t, y)
 

@@ -96,9 +96,7 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     """One phase: integrate, record, keep what leaves on the track."""
     scene = balance.scene
     stage = Stage(balance, phase, _inflow(scene, phase, now.track))
-    atol = np.full(balance.size, settings.atol or 10 * settings.rtol)
-    atol[balance.n :] = 1e20  # the ledger follows the temperatures, it does not steer the steps
-    tol = Tolerance(settings.rtol, atol, settings.order, max_step=phase.end - phase.begin)
+    tol = Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, phase.end - phase.begin)
     solver = Integrator(settings.binding, stage, tol)
     times = record_times(phase, settings).tolist()
     total, wanted = len(times), settings.fields if phase.sliding else 2

@@ -59,12 +59,14 @@ class Lanes(Effect):
         D, material, L = scene.spot_diameter, scene.road, scene.length
 
         def law(T, now, p):
+            phi = float(np.mean(now.spot_fraction))
+            if phi >= 1.0:
+                return 1.0
             speed = now.speed if now.speed > 0 else now.last_speed
             x = np.maximum(now.x, 0.0)
             began = now.contact_time - now.waited
             age = np.minimum(x / speed, began) if speed > 0 else np.full(np.shape(x), began)
             gone = np.clip(age - L / speed, 0.0, None) if speed > 0 else 0.0 * age
-            phi = float(np.mean(now.spot_fraction))
             f = mean_factor(
                 age + now.waited, gone + (0.0 if now.touching else now.waited), D, material.diffusivity, phi
             )

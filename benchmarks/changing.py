@@ -1,0 +1,146 @@
+"""Friction falling with temperature and speed changing: flashtemp against scipy solve_ivp BDF.
+
+The peer is what a careful user would write: the slide-2d geometry in scipy.sparse, the analytic
+sparse Jacobian handed to solve_ivp.  Both are judged against flashtemp on a finer mesh and a
+tighter tolerance, at equal error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from common import profile_error, table, timed
+from scipy.integrate import solve_ivp
+
+from flashtemp.balance import Balance
+from flashtemp.case import build, load
+from flashtemp.cvode import available
+
+CASE = Path(__file__).parent.parent / "cases" / "slide2d"
+SPEED = [[0.0, 0.1], [10.0, 0.2], [20.0, 0.05], [35.0, 0.1]]
+CHANGE = {
+    "effects": ["holder_sink", "friction_softening"], "schedule.speed": SPEED,
+    "output.profiles": 8, "output.fields": 2, "schedule.distance": 3.9,
+}  # fmt: skip
+
+
+def peer(case, rtol: float):
+    """Assemble A0 + v A1 and march with solve_ivp; returns cells, x, final rise of T_R (x,)."""
+    scene = build(case)
+    b, mesh = Balance(scene), scene.mesh
+    n, m = b.n, mesh.n_road
+    I, J, W = [], [], []
+
+    def link(i, j, g):
+        for a, c, w in ((i, i, -g), (j, j, -g), (i, j, g), (j, i, g)):
+            I.append(a), J.append(c), W.append(w)
+
+    c = np.arange(n)
+    up = c[b.gz > 0]
+    link(up, up + 1, b.gz[up])
+    inside = c[(b.gx > 0)]
+    link(inside, mesh.start[mesh.line[inside] - 1] + mesh.level[inside], b.gx[inside])
+    for s, h in zip(b.sites, (20.0,) * len(b.sites), strict=True):
+        if s in ("block.face", "road.under"):
+            continue
+        k = b.sites.index(s)
+        at = slice(b.site_offset[k], b.site_offset[k + 1])
+        cells = b.site_cell[at]
+        I.append(cells), J.append(cells), W.append(-b.site_area[at] / (b.site_half[at] + 1 / h))
+    r, s = b.cell_block, b.cell_road
+    dx, alpha = mesh.dx_block, 2e5
+    Rr, Rs, Ra = b.half_block, b.half_road, 1 / alpha
+    Rt = Rr + Rs + Ra
+    link(r, s, dx / Rt)
+    first = mesh.road[0]
+    I.append(first), J.append(first), W.append(-b.g_in)
+    A0 = sp.coo_matrix((np.concatenate(W), (np.concatenate(I), np.concatenate(J))), shape=(n, n)).tocsr()
+    I, J, W = [], [], []
+    F = scene.road.volumetric_capacity * b.dz_road
+    for i in range(mesh.n_lines):  # the same second-order upwind stencil
+        here = mesh.start[i] + np.arange(m)
+        targets = [(here, -1.0)] + ([(mesh.start[i + 1] + np.arange(m), 1.0)] if i + 1 < mesh.n_lines else [])
+        for to, sign in targets:
+            I.append(to), J.append(here), W.append(sign * F * (1 + b.slope[i]))
+            if i:
+                I.append(to), J.append(mesh.start[i - 1] + np.arange(m)), W.append(-sign * F * b.slope[i])
+    A1 = sp.coo_matrix((np.concatenate(W), (np.concatenate(I), np.concatenate(J))), shape=(n, n)).tocsr()
+    C = sp.diags(1 / b.capacity)
+    A0, A1 = (C @ A0).tocsc(), (C @ A1).tocsc()
+    t_speed, v_speed = np.array(SPEED).T
+    S = sp.lil_matrix((n, len(r)))  # heat of one line per unit q = mu p v
+    deep = np.zeros(mesh.n_block)
+    deep[: len(b.weight)] = b.weight
+    for j in range(len(r)):
+        S[mesh.block[j], j] = deep * dx[j]
+        S[r[j], j] += 0.5 * 0.5 * dx[j] * (Ra + 2 * Rs[j]) / Rt[j]
+        S[s[j], j] += 0.5 * 0.5 * dx[j] * (Ra + 2 * Rr[j]) / Rt[j]
+    S = (C @ S.tocsc()).tocsc()
+    bsoft = case["friction_softening.b"]
+
+    def surface(y, q):
+        flux = ((y[s] - y[r]) + 0.25 * q * (Ra + 2 * Rs)) / Rt
+        return y[r] + flux * Rr, 1 - Rr / Rt, Rr / Rt, 0.25 * (Ra + 2 * Rs) / Rt * Rr
+
+    def heat(t, y):
+        """q per line and its slopes in both first cells, by a few Newton steps on the surface."""
+        pv = 1e6 * np.interp(t, t_speed, v_speed)
+        T = y[r].copy()
+        for _ in range(4):
+            mu = np.exp(-bsoft * T)
+            surf, a0, a1, aq = surface(y, pv * mu)
+            T = T - (T - surf) / (1 + aq * pv * bsoft * mu)
+        mu = np.exp(-bsoft * T)
+        gain = -bsoft * pv * mu / (1 + aq * pv * bsoft * mu)
+        return pv * mu, gain * a0, gain * a1
+
+    def rhs(t, y):
+        return A0 @ y + np.interp(t, t_speed, v_speed) * (A1 @ y) + S @ heat(t, y)[0]
+
+    rows = np.arange(len(r))
+
+    def jac(t, y):
+        _, d0, d1 = heat(t, y)
+        D = sp.coo_matrix((np.concatenate([d0, d1]), (np.r_[rows, rows], np.r_[r, s])), shape=(len(r), n))
+        return (A0 + np.interp(t, t_speed, v_speed) * A1 + S @ D.tocsc()).tocsc()
+
+    end = scene.schedule.end
+    out = solve_ivp(rhs, (0.0, end), np.zeros(n), method="BDF", jac=jac, rtol=rtol, atol=10 * rtol)
+    y = out.y[:, -1]
+    return n, mesh.x_block, surface(y, heat(end, y)[0])[0]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    fine = load(CASE, CHANGE | {"numerics.mesh": 2.0, "numerics.rtol": 1e-6})
+    _, best = timed(fine, 1)
+    rise = best.T_block[best.last] - best.ambient_degC
+    keep = slice(4, -4)
+    rows = []
+    for binding in available():
+        for rtol in (1e-2, 1e-3):
+            case = load(CASE, CHANGE | {"numerics.integrator": binding, "numerics.rtol": rtol})
+            seconds, run = timed(case, options.repeat)
+            error = profile_error(run, best.x[keep], rise[keep])
+            rows.append((f"flashtemp, {binding}, rtol {rtol:g}", run.mesh.n_cells, error, seconds))
+    case = load(CASE, CHANGE)
+    for rtol in (1e-2, 1e-3, 1e-4):
+        spent = []
+        for _ in range(options.repeat):
+            began = time.process_time()
+            n, x, T = peer(case, rtol)
+            spent.append(time.process_time() - began)
+        error = 100 * np.abs(np.interp(best.x[keep], x, T) - rise[keep]).max() / rise.max()
+        rows.append((f"scipy solve_ivp BDF, rtol {rtol:g}", n, float(error), statistics.median(spent)))
+    table(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""What the benchmarks share: timing flashtemp in-process, medians, one table."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from flashtemp.case import Case, build, settings
+from flashtemp.march import march
+
+
+def timed(case: Case, repeat: int):
+    """Median CPU seconds of set-up and solve of a case, and its last Run; compiled beforehand."""
+    seconds, run = [], None
+    march(build(_short(case)), settings(case))
+    for _ in range(repeat):
+        began = time.process_time()
+        run = march(build(case), settings(case))
+        seconds.append(time.process_time() - began)
+    return statistics.median(seconds), run
+
+
+def _short(case: Case) -> Case:
+    schedule = case.values["schedule"] | {"distance": case["schedule.distance"] / 1000, "repetitions": 1}
+    return replace(case, values=case.values | {"schedule": schedule})
+
+
+def profile_error(run, x, rise) -> float:
+    """Largest error of T(x) at the end in % of the largest rise; x in m, rise in K."""
+    T = np.interp(x, run.x, run.T_block[run.last]) - run.ambient_degC
+    return 100 * float(np.abs(T - rise).max() / np.max(np.abs(rise)))
+
+
+def table(rows: list[tuple]) -> None:
+    """Print (name, cells, error %, CPU s, ratio) rows."""
+    print(f"{'solver':44s} {'cells':>7s} {'error %':>8s} {'CPU s':>8s} {'ratio':>7s}")
+    base = rows[0][3]
+    for name, cells, error, seconds in rows:
+        print(f"{name:44s} {cells:7d} {error:8.3f} {seconds:8.3f} {seconds / base:7.2f}", flush=True)

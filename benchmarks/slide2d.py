@@ -1,0 +1,59 @@
+"""slide-2d at 0.1 % (and 1 %): flashtemp with both bindings against the peers, CPU seconds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from common import profile_error, table, timed
+
+from flashtemp.case import load
+from flashtemp.cvode import available
+
+CASE = Path(__file__).parent.parent / "cases" / "slide2d"
+GOOD, ROUGH = {}, {"numerics.cells": [24, 16, 26], "numerics.rtol": 1e-2}
+PEERS = {
+    "scipy splu, Crank-Nicolson, 41 chosen steps": ["mol_splu.py", "CN", "plan:1", "1e-5", "5e-6", "1.3", "1.08", "central"],
+    "scipy solve_ivp BDF, sparse Jacobian": ["mol_solve_ivp.py", "1e-5", "5e-6", "1.3", "1.08", "1e-3"],
+}
+
+
+def peer(folder: Path, command: list[str], repeat: int) -> tuple[int, float, float]:
+    """Cells, error and CPU seconds that a peer's script reports."""
+    out = subprocess.run(
+        [sys.executable, str(folder / command[0]), *command[1:], str(repeat)],
+        capture_output=True, text=True, check=True, env={"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    row = json.loads(out.stdout.strip().splitlines()[-1])
+    return row["cells"], max(row["err_TR"], row["err_hist"]), row["user"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--peers", type=Path, help="folder with the peers' scripts")
+    parser.add_argument("--fipy", action="store_true", help="include FiPy (minutes)")
+    parser.add_argument("--repeat", type=int, default=5)
+    options = parser.parse_args()
+    reference = json.loads((Path(__file__).parent.parent / "tests" / "data" / "slide2d_reference.json").read_text())
+    x, rise = np.array(reference["x"]), np.array(reference["TR_rise"])
+    rows = []
+    for name, change in (("0.1 %", GOOD), ("1 %", ROUGH)):
+        for binding in available():
+            case = load(CASE, {"numerics.integrator": binding, "output.profiles": 8, "output.fields": 2, **change})
+            seconds, run = timed(case, options.repeat)
+            rows.append((f"flashtemp, {binding}, {name}", run.mesh.n_cells, profile_error(run, x, rise), seconds))
+    if options.peers:
+        for name, command in PEERS.items():
+            rows.append((name, *peer(options.peers, command, options.repeat)))
+        if options.fipy:
+            fipy = ["fipy_slide2d.py", *reference.get("fipy", [])]
+            rows.append(("FiPy", *peer(options.peers, fipy, 1)))
+    table(rows)
+
+
+if __name__ == "__main__":
+    main()

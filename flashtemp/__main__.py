@@ -20,7 +20,9 @@ app = App(
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
     version=__version__,
 )
-Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")]
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
+]
 Switch = Parameter(negative=())
 
 
@@ -36,7 +38,14 @@ def progress_bar(label: str):
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
         task, shown = bar.add_task(label, total=None), 0.0
 
@@ -113,7 +122,9 @@ def check(file: Path, *overrides: str, json: Json = False) -> int:
     case = load(file, list(overrides))
     settings(case)
     scene = build(case)
-    emit({"ok": True, "case": case.name, "effects": list(case.effects), "cells": scene.mesh.n_cells}, json, f"{case}\nok")
+    emit(
+        {"ok": True, "case": case.name, "effects": list(case.effects), "cells": scene.mesh.n_cells}, json, f"{case}\nok"
+    )
     return DONE
 
 
@@ -139,7 +150,9 @@ def converge(case: str, *overrides: str, json: Json = False) -> int:
         for i, name in enumerate(QUANTITIES)
     ]
     cells = " / ".join(map(str, result.cells))
-    text = "\n".join([f"{cells} cells", *rows, f"  T(x) differs from the finest level by {result.profile_percent:.3f} %"])
+    text = "\n".join(
+        [f"{cells} cells", *rows, f"  T(x) differs from the finest level by {result.profile_percent:.3f} %"]
+    )
     emit(result.as_dict(), json, text)
     return DONE
 
@@ -162,7 +175,9 @@ def effects(name: str | None = None, json: Json = False) -> int:
         lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
         for p in e["parameters"]:
             off = "" if p["off"] is None else f", off = {p['off']:g}"
-            lines.append(f"    {p['key']} = {p['default']} {p['unit']}: {p['about']} [{p['low']:g}, {p['high']:g}]{off}")
+            lines.append(
+                f"    {p['key']} = {p['default']} {p['unit']}: {p['about']} [{p['low']:g}, {p['high']:g}]{off}"
+            )
         if name:
             lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
     emit(entries, json, "\n".join(lines))
@@ -179,7 +194,14 @@ def describe(name: str, effect) -> dict:
         }
         for k, p in effect.params().items()
     ]  # fmt: skip
-    return {"name": name, "always": effect.base, "cause": effect.cause, "source": effect.source, "tells": list(effect.tells), "parameters": plain}
+    return {
+        "name": name,
+        "always": effect.base,
+        "cause": effect.cause,
+        "source": effect.source,
+        "tells": list(effect.tells),
+        "parameters": plain,
+    }
 
 
 def later(what: str):

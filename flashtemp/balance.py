@@ -14,6 +14,7 @@ import numpy as np
 from flashtemp import kernels
 from flashtemp.laws import Laws
 from flashtemp.scene import Scene
+from flashtemp.sites import Sites
 
 LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
 
@@ -44,17 +45,8 @@ class Balance:
         self.half_block = mesh.thickness[self.cell_block] / (2 * scene.block.conductivity)
         self.half_road = mesh.thickness[self.cell_road] / (2 * scene.road.conductivity)
         self._deposits()
-        sites = list(self.laws.films)
-        parts = [mesh.patches[s] for s in sites]
-        self.sites = sites
-        self.site_offset = np.cumsum([0] + [len(c) for c, _, _ in parts]).astype(np.int64)
-        join = lambda i: np.concatenate([p[i] for p in parts]) if parts else np.empty(0)  # noqa: E731
-        self.site_cell, self.site_area = join(0).astype(np.int64), join(1).astype(float)
-        half = join(2).astype(float)
-        self.site_half = half / k[self.site_cell] if len(half) else half
-        names = {part.to for entries in self.laws.films.values() for part, _, _ in entries}
-        names |= {part.to for part, _, _ in self.laws.patches + self.laws.zones}
-        self.ledger = LEDGER + tuple(sorted(names | {"air", "holder"}))
+        self.sites = Sites(scene, self.laws, k)
+        self.ledger = LEDGER + tuple(sorted(self.sites.ledgers()))
         self.entry = {name: self.n + i for i, name in enumerate(self.ledger)}
         self.size = self.n + len(self.ledger)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp import cvode, keys
-from flashtemp.effect import catalogue
+from flashtemp.effect import Deposit, catalogue
 from flashtemp.errors import BadInput, nearest
 from flashtemp.march import Settings
 from flashtemp.material import LIBRARY, Material
@@ -138,9 +138,15 @@ def build(case: Case) -> Scene:
             section = case.values[effect.section if effect.base else name]
             mine = {k: section[k] for k in effect.params()}
             acting.append(Acting(name, effect(), SimpleNamespace(**effect.prepare(mine, case.folder))))
+    parts = [c for a in acting for c in _safe(a, v, materials, case)]
+    total = sum(c.share for c in parts if isinstance(c, Deposit))
+    if total > 1 + 1e-12:
+        raise BadInput(
+            f"friction.volumetric_share: all shares released inside the rubber sum to {total:g}; give at most 1 in all"
+        )
     speed = _series(case, "schedule.speed", low=0.0)
     pressure = _series(case, "contact.pressure", low=0.0)
-    remembers = any(getattr(c, "target", "") == "road.inflow" for a in acting for c in _safe(a, v, materials, case))
+    remembers = any(getattr(c, "target", "") == "road.inflow" for c in parts)
     schedule = Schedule(
         speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
         lap=v.road.track_length if remembers else None,

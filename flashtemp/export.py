@@ -27,9 +27,7 @@ def bodies(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, floa
 def heat_flux(T: np.ndarray, x: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
     """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, nz)."""
     centre = [0.5 * (e[1:] + e[:-1]) for e in (x, z)]
-    gx, gz = (
-        np.gradient(T, c, axis=a) if len(c) > 1 else np.zeros_like(T) for a, c in enumerate(centre)
-    )
+    gx, gz = (np.gradient(T, c, axis=a) if len(c) > 1 else np.zeros_like(T) for a, c in enumerate(centre))
     return -k * np.stack([gx, np.zeros_like(gx), gz], axis=-1).reshape(-1, 3)
 
 

@@ -60,7 +60,9 @@ def simulate(
     work = partial(out)
     if work.exists():
         if (work / CHECKPOINT).exists() and not overwrite:
-            raise BadInput(f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume {out}' or --overwrite")
+            raise BadInput(
+                f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume {out}' or --overwrite"
+            )
         shutil.rmtree(work)
     work.mkdir(parents=True)
     try:
@@ -95,7 +97,13 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
         state = state or Progress()
         box: dict[str, Progress] = {}
         try:
-            run = march(scene, numerics, case.title, state if state.y is not None else None, _watcher(work, scene, watch, stopped, box))
+            run = march(
+                scene,
+                numerics,
+                case.title,
+                state if state.y is not None else None,
+                _watcher(work, scene, watch, stopped, box),
+            )
         except KeyboardInterrupt:
             save_checkpoint(work, box["progress"])
             raise Interrupted(work) from None
@@ -168,7 +176,15 @@ def save_checkpoint(work: Path, p: Progress) -> None:
     """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
     fresh = work / (CHECKPOINT + ".new")
     with h5py.File(fresh, "w") as file:
-        file.attrs.update({"t": p.t, "phase": p.phase, "steps": p.steps, "wall": p.wall, **{f"calls_{k}": v for k, v in p.calls.items()}})
+        file.attrs.update(
+            {
+                "t": p.t,
+                "phase": p.phase,
+                "steps": p.steps,
+                "wall": p.wall,
+                **{f"calls_{k}": v for k, v in p.calls.items()},
+            }
+        )
         file["y"], file["left"] = p.y, p.left
         for name, values in p.records.items():
             data = np.array(values, dtype=object if name == "ledger" else None)

@@ -59,10 +59,7 @@ def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
                 rate[p + k] -= q
         s = slope[i]
         for k in range(m):
-            if i == 0:
-                back = h_in[k]
-            else:
-                back = h[start[i - 1] + k]
+            back = h_in[k] if i == 0 else h[start[i - 1] + k]
             q = carry[k] * (h[a + k] + s * (h[a + k] - back))
             rate[a + k] -= q
             if i + 1 < n:
@@ -108,7 +105,9 @@ def line_solve(o, a, size, m, gamma, gz, up, down, inv, mul, z):
 
 
 @njit(cache=True)
-def factorise(start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, down, share, stretch, inv, mul, low, low2, high):
+def factorise(
+    start, m, capacity, gx, gz, carry, slope, g_in, gamma, own, up, down, share, stretch, inv, mul, low, low2, high
+):
     """Factors of P = (D + L) D^-1 (D + U) for capacity - gamma K, line by line downstream.
 
     `own` (cells) adds to the diagonal of K (boundary and contact laws), `up`, `down` (lines) are

@@ -20,9 +20,12 @@ class Laws:
         self.patches: list = []
         self.zones: list = []
         self.deposits: list = []
+        self.restless = False  # an optional effect speaks about the contact: ask it at every moment
         for acting in scene.acting:
             for part in acting.contributions(scene):
                 entry = (part, acting.p, acting.name)
+                target = getattr(part, "target", "")
+                self.restless |= not acting.effect.base and target.startswith(("contact.", "road.lane"))
                 if isinstance(part, Term):
                     self.terms.setdefault(part.target, []).append(entry)
                 elif isinstance(part, Factor):
@@ -65,16 +68,3 @@ def laws_mean(laws: Laws, target: str, edges, now):
     if not laws.has(target):
         return np.ones(len(edges) - 1)
     return gauss_mean(lambda x: laws(target, 1.0, None, now._replace(x=x)) + 0.0 * x, edges)
-
-
-def patch_flux(law, T, resistance, now, p):
-    """Flux (W/m2) of a patch law at the surface, half a cell of `resistance` (m2 K/W) away from T."""
-    flux = 0.0 * T
-    for _ in range(4):
-        Ts = T + flux * resistance
-        slope = np.imag(law(np.real(Ts) + 1j * STEP, now, p)) / STEP
-        step = (law(Ts, now, p) - flux) / (1.0 - slope * resistance)
-        flux = flux + step
-        if np.all(np.abs(step) <= 1e-13 * (np.abs(flux) + 1e-300)):
-            break
-    return flux

@@ -113,8 +113,8 @@ class Schedule:
                 laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
                 cuts |= {self.speed.reach(n * self.lap - before) for n in laps}
             cuts = sorted(c for c in cuts if c <= self.slide_time)
-            cuts = [c for c, nxt in zip(cuts, cuts[1:] + [np.inf]) if nxt - c > 1e-9 * self.slide_time]
-            for a, b in zip(cuts, cuts[1:]):
+            cuts = [c for c, nxt in zip(cuts, cuts[1:] + [np.inf], strict=False) if nxt - c > 1e-9 * self.slide_time]
+            for a, b in zip(cuts, cuts[1:], strict=False):
                 out.append(Phase(r + 1, True, t + a, t + b, t, before))
             begin = t
             t += self.slide_time

@@ -6,7 +6,7 @@ import numpy as np
 
 from flashtemp import contact, kernels
 from flashtemp.balance import Balance
-from flashtemp.laws import STEP, laws_mean, patch_flux
+from flashtemp.laws import laws_mean
 
 
 class Stage:
@@ -17,16 +17,12 @@ class Stage:
         self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         mesh, n = balance.scene.mesh, balance.n
         lines = mesh.n_lines
-        self._key = self._state = self._film_key = None
-        self._guess = None
-        self.own, self.unused = np.zeros(n), np.zeros(n)
+        self._key = self._state = self._guess = None
+        self.own = np.zeros(n)
         self.up, self.down = np.zeros(lines), np.zeros(lines)
         self.factors = tuple(np.empty(n) for _ in range(5))
-        self.total, self.surface = np.zeros(len(balance.sites)), np.zeros(len(balance.sites))
         self.carry_unit = balance.scene.road.volumetric_capacity * balance.dz_road
         self.no_inflow = np.zeros(mesh.n_road)
-        self.film = np.empty(len(balance.sites))
-        self.far = np.empty(len(balance.sites))
 
     # --- what acts now -----------------------------------------------------------------------
     def moment(self, t: float):
@@ -44,6 +40,7 @@ class Stage:
         speed = now.speed if now.speed > 0 else now.last_speed
         transit = (mesh.x[-1] / speed) if speed > 0 else np.inf
         key = (now.speed, now.pressure, now.touching, min(now.slid, D), min(now.contact_time, transit), now.waited)
+        key += (now.t,) if b.laws.restless else ()
         if key == self._key:
             return self._state
         laws = b.laws
@@ -60,9 +57,8 @@ class Stage:
         flash = laws("contact.flash_resistance", 0.0, None, now) * np.ones_like(local)
         deep = np.zeros_like(local)
         if flash.any():
-            built = flash
             for d in b.volumetric:
-                deep = deep + d.share * built * laws("contact.flash_share", 0.0, None, now, d.depth)
+                deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
         state = contact.ContactState(
             m=heat / phi,
             phi=phi,
@@ -77,36 +73,13 @@ class Stage:
         self._key, self._state = key, state
         return state
 
-    def entering(self, now, dtype=float):
+    def entering(self, now) -> np.ndarray:
         """Temperature rise (n_road,) of the road that enters now, deepest cell first."""
+        drift = now.ambient - self.b.scene.ambient
         if self.inflow is None:
-            return (
-                self.no_inflow
-                if now.ambient == self.b.scene.ambient
-                else self.no_inflow + now.ambient - self.b.scene.ambient
-            )
+            return self.no_inflow + drift
         carried = self.inflow(now)
-        return self.b.laws(
-            "road.inflow", now.ambient - self.b.scene.ambient + 0.0 * carried, None, now._replace(carried=carried)
-        )
-
-    def _films(self, now) -> None:
-        """Film resistance and far temperature (rise, K) of every site, several films combined."""
-        phi = self._state.phi if self._state is not None else 1.0
-        now = now._replace(spot_fraction=phi)
-        for s, site in enumerate(self.b.sites):
-            total = weighted = 0.0
-            for part, p, _ in self.b.laws.films[site]:
-                h = part.law(now, p)
-                far = now.ambient if part.far is None else part.far(now, p)
-                if h == np.inf:
-                    total, weighted = np.inf, far
-                    break
-                total += h
-                weighted += h * far
-            far = weighted if total == np.inf else (weighted / total if total > 0 else 0.0)
-            self.film[s] = 1.0 / total if total > 0 else np.inf
-            self.far[s] = far - self.b.scene.ambient
+        return self.b.laws("road.inflow", drift + 0.0 * carried, None, now._replace(carried=carried))
 
     # --- rate --------------------------------------------------------------------------------
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
@@ -126,8 +99,8 @@ class Stage:
             mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(y.dtype), h_in.astype(y.dtype), b.g_in, q
         )
         led = dict.fromkeys(b.ledger, 0.0)
+        state = self.contact_state(now)
         if now.touching:
-            state = self.contact_state(now)
             flux = self._contact(state, now, T, T_in, kf)
             dx = mesh.dx_block
             block = state.phi * flux.into_block * dx
@@ -140,7 +113,7 @@ class Stage:
             led["friction"] = power.sum()
             led["into_road"] = (state.phi * road).sum()
             led["lane_in"] = road.sum()
-        self._exchange(now, T, kf, q, led)
+        b.sites.exchange(now._replace(spot_fraction=state.phi), T, kf, q, led)
         a, z = mesh.start[0], mesh.start[-2]
         m = mesh.n_road
         leave = carry * (h[z : z + m] + b.slope[-1] * (h[z : z + m] - h[mesh.start[-3] : mesh.start[-3] + m]))
@@ -184,50 +157,6 @@ class Stage:
         self._guess = np.real(flux.spot)
         return out
 
-    def _exchange(self, now, T, kf, q, led) -> None:
-        """Films, general patch laws and zone laws; every flux is written to its ledger."""
-        b, mesh = self.b, self.b.scene.mesh
-        self._films(now)
-        total, surface, own = self.total, self.surface, self.unused
-        if T.dtype != float:
-            total, surface, own = total.astype(T.dtype), surface.astype(T.dtype), own.astype(T.dtype)
-        kernels.exchange(
-            b.site_offset, b.site_cell, b.site_area, b.site_half, kf, self.film, self.far, T, q, own, total, surface
-        )
-        for s, site in enumerate(b.sites):
-            if self.film[s] == np.inf:
-                continue
-            entries = b.laws.films[site]
-            area = b.site_area[b.site_offset[s] : b.site_offset[s + 1]].sum()
-            rest = total[s]
-            for j, (part, p, _) in enumerate(entries):
-                if j + 1 == len(entries):
-                    share = rest
-                else:
-                    h = part.law(now._replace(spot_fraction=getattr(self._state, "phi", 1.0)), p)
-                    far = now.ambient if part.far is None else part.far(now, p)
-                    share = h * ((far - b.scene.ambient) * area - surface[s]) if h < np.inf else rest
-                    rest = rest - share
-                led["lane_air" if site.startswith("road") else part.to] += share
-        for part, p, _ in b.laws.patches:
-            cell, area, half = mesh.patches[part.site]
-            material = b.scene.block if part.site.startswith("block") else b.scene.road
-            flux = patch_flux(
-                part.law,
-                T[cell] + b.scene.ambient,
-                half / (material.conductivity * kf[cell]),
-                now._replace(x=mesh.x_centre[mesh.line[cell]]),
-                p,
-            )
-            q[cell] += flux * area
-            led["lane_air" if part.site.startswith("road") else part.to] += (flux * area).sum()
-        for part, p, _ in b.laws.zones:
-            cells = mesh.block if part.site == "block" else mesh.road
-            at = now._replace(x=mesh.x_centre[mesh.line[cells]])
-            heat = part.law(T[cells] + b.scene.ambient, at, p) * mesh.volume[cells]
-            q[cells] += heat
-            led["lane_air" if part.site == "road" else part.to] += heat.sum()
-
     # --- preconditioner ------------------------------------------------------------------------
     def setup(self, t: float, y: np.ndarray, gamma: float) -> None:
         """Linearise at (t, y) and factorise P = I - gamma J by depth lines."""
@@ -249,44 +178,8 @@ class Stage:
         b, mesh = self.b, self.b.scene.mesh
         self.own[:] = self.up[:] = self.down[:] = 0.0
         rows: dict[str, list] = {name: [] for name in b.ledger}
-        scratch, T_in = np.zeros(b.n), self.entering(now)
-        state = self.contact_state(now)
-        self._films(now)
-        kernels.exchange(
-            b.site_offset,
-            b.site_cell,
-            b.site_area,
-            b.site_half,
-            kf,
-            self.film,
-            self.far,
-            T,
-            scratch,
-            self.own,
-            self.total,
-            self.surface,
-        )
-        for s, site in enumerate(b.sites):
-            cells = b.site_cell[b.site_offset[s] : b.site_offset[s + 1]]
-            to = "lane_air" if site.startswith("road") else b.laws.films[site][0][0].to
-            rows[to].append((cells, self._film_slope(s, kf)))
-        for part, p, _ in b.laws.patches:
-            cell, area, half = mesh.patches[part.site]
-            material = b.scene.block if part.site.startswith("block") else b.scene.road
-            at = now._replace(x=mesh.x_centre[mesh.line[cell]])
-            flux = patch_flux(
-                part.law, T[cell] + b.scene.ambient + 1j * STEP, half / (material.conductivity * kf[cell]), at, p
-            )
-            slope = area * flux.imag / STEP
-            self.own[cell] += slope
-            rows["lane_air" if part.site.startswith("road") else part.to].append((cell, slope))
-        for part, p, _ in b.laws.zones:
-            cells = mesh.block if part.site == "block" else mesh.road
-            at = now._replace(x=mesh.x_centre[mesh.line[cells]])
-            heat = part.law(T[cells] + b.scene.ambient + 1j * STEP, at, p)
-            slope = mesh.volume[cells] * np.imag(heat) / STEP
-            self.own[cells] += slope
-            rows["lane_air" if part.site == "road" else part.to].append((cells.ravel(), slope.ravel()))
+        state, T_in = self.contact_state(now), self.entering(now)
+        b.sites.slopes(now._replace(spot_fraction=state.phi), T, kf, self.own, rows)
         if now.touching:
             _, d = self._contact(state, now, T, T_in, kf, slopes=True)
             dx, phi = mesh.dx_block, state.phi
@@ -314,14 +207,6 @@ class Stage:
             for name, parts in rows.items()
             if parts
         ]
-
-    def _film_slope(self, s: int, kf) -> np.ndarray:
-        """d(heat)/dT (W/(m K)) of every face of a site under its films."""
-        b = self.b
-        at = slice(b.site_offset[s], b.site_offset[s + 1])
-        if self.film[s] == np.inf:
-            return np.zeros(at.stop - at.start)
-        return -b.site_area[at] / (b.site_half[at] / kf[b.site_cell[at]] + self.film[s])
 
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v with the balance linearised at the last set-up; conserves heat like the rate."""

@@ -11,7 +11,6 @@ _PUBLIC = {
     "build": "case",
     "Case": "case",
     "simulate": "job",
-    "march": "march",
     "Run": "run",
     "open_fields": "export",
     "Effect": "effect",

@@ -69,26 +69,26 @@ class Balance:
         return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
 
     @cached_property
-    def capacity_slope(self) -> np.ndarray | None:
+    def capacity_gradient(self) -> np.ndarray | None:
         """Slope of rho c with temperature (cells,) in 1/K, or None where it is constant."""
-        if not (self.laws.has("block.capacity_slope") or self.laws.has("road.capacity_slope")):
+        if not (self.laws.has("block.capacity_gradient") or self.laws.has("road.capacity_gradient")):
             return None
         slope = np.zeros(self.n)
-        slope[self.scene.mesh.block] = self.laws("block.capacity_slope", 0.0, None, None)
-        slope[self.scene.mesh.road] = self.laws("road.capacity_slope", 0.0, None, None)
+        slope[self.scene.mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
+        slope[self.scene.mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
         return slope
 
     def rise(self, h: np.ndarray) -> np.ndarray:
         """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
-        if self.capacity_slope is None:
+        if self.capacity_gradient is None:
             return h
-        return 2 * h / (1 + np.sqrt(1 + 2 * self.capacity_slope * h))
+        return 2 * h / (1 + np.sqrt(1 + 2 * self.capacity_gradient * h))
 
     def enthalpy(self, rise: np.ndarray) -> np.ndarray:
         """Inverse of `rise`."""
-        if self.capacity_slope is None:
+        if self.capacity_gradient is None:
             return rise
-        return rise * (1 + 0.5 * self.capacity_slope * rise)
+        return rise * (1 + 0.5 * self.capacity_gradient * rise)
 
     def stored(self, y: np.ndarray) -> tuple[float, float]:
         """Heat in block and in road lanes above ambient, J per metre across."""

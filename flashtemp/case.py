@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp import cvode, keys
-from flashtemp.effect import Deposit, catalogue
+from flashtemp.effect import Deposit, Term, catalogue
 from flashtemp.errors import BadInput, nearest
 from flashtemp.march import Settings
 from flashtemp.material import LIBRARY, Material
@@ -62,7 +62,9 @@ class Case:
             kept = {k: v for k, v in values.items() if v is not None}
             for k in kept:
                 kept[k] = (rename or {}).get(f"{table}.{k}", kept[k])
-            if kept:
+            if table.startswith("materials."):
+                out.setdefault("materials", {})[table.split(".", 1)[1]] = kept
+            elif kept:
                 out[table] = kept
         return tomli_w.dumps(out)
 
@@ -79,11 +81,11 @@ def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
     file = path / "case.toml" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no such case; give a folder with a case.toml or a .toml file")
-    text = file.read_text(encoding="utf-8")
     try:
+        text = file.read_text(encoding="utf-8")
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
-        raise BadInput(f"{file}: not valid TOML: {fault}; repair that line") from fault
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
     given = keys.parse_overrides(overrides)
     name = path.name if path.is_dir() else (file.parent.name if file.name == "case.toml" else file.stem)
     return assemble(raw, given, keys.Places(str(file), text, set(given)), file.parent, name)
@@ -98,6 +100,8 @@ def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path,
     tables = keys.tables(raw, effects)
     for table in raw:
         if table not in tables and table not in ("title", "effects", "candidates", "free"):
+            if table in catalogue() and "effects" in given and not any(g.startswith(f"{table}.") for g in given):
+                continue  # effects were chosen on the command line: the file's other tables rest
             if table in catalogue() and not catalogue()[table].base:
                 faults.append(f'{where(table)}: table of an effect that is not listed; add "{table}" to effects')
             else:
@@ -146,19 +150,21 @@ def build(case: Case) -> Scene:
         )
     speed = _series(case, "schedule.speed", low=0.0)
     pressure = _series(case, "contact.pressure", low=0.0)
-    remembers = any(getattr(c, "target", "") == "road.inflow" for c in parts)
+    remembers = _remembers(acting, v, materials, case)
     schedule = Schedule(
         speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
         lap=v.road.track_length if remembers else None,
     )  # fmt: skip
     if not math.isfinite(schedule.slide_time):
         raise BadInput(
-            f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; give a speed that stays > 0"
+            f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; "
+            "give a speed that stays > 0"
         )
     mesh = _mesh(case, v, materials["road"], schedule, remembers)
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
-            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block ({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
+            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
+            f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
         )
     return Scene(
         mesh=mesh,
@@ -173,6 +179,13 @@ def build(case: Case) -> Scene:
         spot_diameter=v.contact.spot_diameter,
         track_length=v.road.track_length,
     )
+
+
+def _remembers(acting, v, materials, case) -> bool:
+    """Whether any effect lets heat on the track come round: tried with one kelvin."""
+    probe = SimpleNamespace(carried=1.0)
+    laws = ((c, a.p) for a in acting for c in _safe(a, v, materials, case) if isinstance(c, Term))
+    return any(c.law(None, probe, p) != 0 for c, p in laws if c.target == "road.inflow")
 
 
 def settings(case: Case) -> Settings:
@@ -234,7 +247,8 @@ def _mesh(case: Case, v, road: Material, schedule: Schedule, remembers: bool):
         )
     if v.numerics.first_x > v.block.length / 4:
         raise BadInput(
-            f"numerics.first_x: {v.numerics.first_x:g} m is more than a quarter of block.length; give a smaller first cell"
+            f"numerics.first_x: {v.numerics.first_x:g} m is more than a quarter of block.length; "
+            "give a smaller first cell"
         )
     depth = v.road.depth
     if depth is None:
@@ -244,7 +258,8 @@ def _mesh(case: Case, v, road: Material, schedule: Schedule, remembers: bool):
         depth = float(np.clip(depth, 1e-3, 0.2))
     if v.numerics.first_road > depth / 4:
         raise BadInput(
-            f"numerics.first_road: {v.numerics.first_road:g} m is more than a quarter of the road's depth; give a smaller first cell"
+            f"numerics.first_road: {v.numerics.first_road:g} m is more than a quarter of the road's depth; "
+            "give a smaller first cell"
         )
     return block_on_road.build(
         length=v.block.length,

@@ -117,7 +117,8 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
     def make(tstop):
         return CVODE(
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
-            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes, max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
+            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
+            max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
             tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
 
@@ -168,8 +169,8 @@ def _sundae(rate, times, setup, solve, tol: Tolerance):
         box["stop"] = stop
         box["solver"] = CVODE(
             rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
-            precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes), krylov_dim=20, max_num_steps=100000,
-            max_step=tol.max_step,
+            precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes),
+            krylov_dim=20, max_num_steps=100000, max_step=tol.max_step,
         )  # fmt: skip
         box["solver"].init_step(t, y)
 

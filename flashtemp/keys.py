@@ -27,11 +27,17 @@ TABLES: dict[str, dict[str, Param]] = {
         "downstream": Param(0.01, "m", "road shown behind the block", low=0.0, high=10.0),
     },
     "contact": {
-        "pressure": Param(1.5e5, "Pa", "nominal contact pressure, mean; or a file of time against value", low=0.0, open_low=True, high=1e9, kinds=CURVE),
+        "pressure": Param(
+            1.5e5, "Pa", "nominal contact pressure, mean; or a file of time against value",
+            low=0.0, open_low=True, high=1e9, kinds=CURVE,
+        ),
     },
     "friction": {},
     "schedule": {
-        "speed": Param(0.1, "m/s", "sliding speed; or a file of time against value", low=0.0, open_low=True, high=1000.0, kinds=CURVE),
+        "speed": Param(
+            0.1, "m/s", "sliding speed; or a file of time against value",
+            low=0.0, open_low=True, high=1000.0, kinds=CURVE,
+        ),
         "distance": Param(3.5, "m", "distance slid in one repetition", low=1e-6, high=1e7),
         "repetitions": Param(1, "1", "number of repetitions", low=1, high=100000, kinds=("whole",)),
         "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
@@ -41,8 +47,13 @@ TABLES: dict[str, dict[str, Param]] = {
         "temperature": Param(20.0, "degC", "air, initial and road temperature", low=-100.0, high=500.0),
     },
     "numerics": {
-        "mesh": Param("medium", "1", '"coarse", "medium", "fine" or a factor on the number of cells', low=0.05, high=32.0, kinds=("level", "number")),
-        "cells": Param([56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)),
+        "mesh": Param(
+            "medium", "1", '"coarse", "medium", "fine" or a factor on the number of cells',
+            low=0.05, high=32.0, kinds=("level", "number"),
+        ),
+        "cells": Param(
+            [56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)
+        ),
         "first_x": Param(3e-5, "m", "first cell at the leading edge", low=1e-8, high=0.1),
         "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
         "first_block": Param(None, "m", "first cell of the block at the interface", low=1e-9, high=0.1),
@@ -89,9 +100,8 @@ class Places:
                 prefix = header[1] + "."
                 if header[1] == dotted:
                     return number
-            elif found := re.match(r"([\w\.\"'-]+)\s*=", line):
-                if prefix + found[1].strip("\"'") == dotted:
-                    return number
+            elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
+                return number
         return None
 
     def prefix(self, line: str) -> str:
@@ -164,7 +174,7 @@ def names(raw: dict, key: str, known, where: Places, faults: list[str]) -> tuple
     if isinstance(value, str):
         value = [v.strip() for v in value.split(",") if v.strip()]
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        faults.append(f'{where(key)}: {value!r}; give a list of effect names, for example ["friction_softening"]')
+        faults.append(f'{where(key)}: {value!r}; give a list of names that `flashtemp effects` prints')
         return ()
     for name in value:
         if name not in known:

@@ -46,18 +46,11 @@ class Progress:
 
 
 def record_times(phase, settings: Settings) -> np.ndarray:
-    """Times (s) at which profiles are kept: dense after each start, both ends of sliding."""
-    span = phase.end - phase.begin
+    """Times (s) at which profiles are kept: dense after each start or stop, and every end."""
     n = settings.profiles if phase.sliding else max(4, settings.profiles // 4)
-    s = (np.arange(n + 1) / n) ** 2
-    if phase.sliding:
-        begins = phase.begin == phase.start
-        t = phase.begin + span * (s if begins else s[1:])
-    else:
-        t = phase.begin + span * s[1:-1]
-    if phase.sliding:
-        t[-1] = phase.end
-    return t
+    t = phase.begin + (phase.end - phase.begin) * (np.arange(n + 1) / n) ** 2
+    t[-1] = phase.end
+    return t if phase.begin == 0.0 else t[1:]
 
 
 def march(
@@ -77,7 +70,7 @@ def march(
     balance = Balance(scene)
     now = state or Progress(y=np.zeros(balance.size), left=np.zeros(2))
     spent = now.wall
-    if now.track is None and balance.laws.has("road.inflow"):
+    if now.track is None and scene.schedule.lap is not None:
         now.track = replace(_track(scene), **(now.columns or {}))
     phases = scene.schedule.phases
     resumed = state is not None
@@ -190,15 +183,16 @@ def _restart(scene, balance, before, now) -> None:
     road = scene.mesh.road
     y = now.y.copy()
     old = balance.stored(y)
-    if now.track is None:
-        y[road] = 0.0
-    else:
-        stage = Stage(balance, before, _inflow(scene, before, now.track))
-        moment = stage.moment(before.end)
-        u = balance.enthalpy(np.zeros(balance.n) + 0.0)[road] + stage.entering(moment)
+    stage = Stage(balance, before, _inflow(scene, before, now.track))
+    moment = stage.moment(before.end)
+    rise = np.zeros(balance.n)
+    rise[road] = stage.entering(moment)
+    if now.track is not None:
         share = float(np.mean(stage.contact_state(moment).phi))
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
-        y[road] = u + mixed * (y[road] - u)
+        left = mixed * (balance.rise(y[: balance.n])[road] - rise[road])
+        rise[road] += balance.laws("road.inflow", 0.0, None, moment._replace(carried=left))
+    y[road] = balance.enthalpy(rise)[road]
     now.left = now.left + np.subtract(old, balance.stored(y))
     now.y = y
 
@@ -210,15 +204,17 @@ def _record(balance, stage, t, y, now, frame) -> None:
     T = balance.rise(y[:n])
     state = stage.contact_state(moment)
     entering = stage.entering(moment)
-    _, _, kf = stage._conduction(T, moment)
+    _, _, kf = stage.conduction(T, moment)
     C0 = scene.ambient - KELVIN
     under = entering[-1]
-    if moment.touching:
-        flux = stage._contact(state, moment, T, entering, kf)
+    if t == 0.0:  # the initial state, before any heat
+        surface, lane = T[balance.cell_block], T[balance.cell_road] + C0
+        spot, mu = surface + C0, _mean_friction(stage, state, moment, T, entering, kf)
+    elif moment.touching:
+        flux = stage.contact_fluxes(state, moment, T, entering, kf)
         surface = T[balance.cell_block] + state.phi * flux.into_block * balance.half_block / kf[balance.cell_block]
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
-        load = state.pressure * mesh.dx_block
-        mu = float((flux.mu * load).sum() / load.sum()) if stage.phase.sliding else np.nan
+        mu = _mean_friction(stage, state, moment, T, entering, kf) if stage.phase.sliding else np.nan
     else:
         surface = T[balance.cell_block]
         spot = surface + C0
@@ -251,6 +247,12 @@ def _record(balance, stage, t, y, now, frame) -> None:
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)
+
+
+def _mean_friction(stage, state, moment, T, entering, kf) -> float:
+    """Friction coefficient weighted with the local load."""
+    load = state.pressure * stage.b.scene.mesh.dx_block
+    return float((stage.contact_fluxes(state, moment, T, entering, kf).mu * load).sum() / load.sum())
 
 
 def _finish(scene, balance, now, title) -> Run:

@@ -91,17 +91,17 @@ class Stage:
         T = b.rise(h)
         q = out[:n]
         out[:] = 0.0
-        gx, gz, kf = self._conduction(T, now)
+        gx, gz, kf = self.conduction(T, now)
         carry = self.carry_unit * now.speed
         T_in = self.entering(now)
-        h_in = T_in if b.capacity_slope is None else T_in * (1 + 0.5 * b.capacity_slope[: mesh.n_road] * T_in)
+        h_in = T_in if b.capacity_gradient is None else T_in * (1 + 0.5 * b.capacity_gradient[: mesh.n_road] * T_in)
         kernels.heat_flows(
             mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(y.dtype), h_in.astype(y.dtype), b.g_in, q
         )
         led = dict.fromkeys(b.ledger, 0.0)
         state = self.contact_state(now)
         if now.touching:
-            flux = self._contact(state, now, T, T_in, kf)
+            flux = self.contact_fluxes(state, now, T, T_in, kf)
             dx = mesh.dx_block
             block = state.phi * flux.into_block * dx
             road = flux.into_road * dx
@@ -122,7 +122,7 @@ class Stage:
         for i, name in enumerate(b.ledger):
             out[n + i] = led[name]
 
-    def _conduction(self, T, now):
+    def conduction(self, T, now):
         """Face conductances and the factor on conductivity at the temperatures T (rise)."""
         b, mesh = self.b, self.b.scene.mesh
         if not b.nonlinear_conductivity:
@@ -134,7 +134,8 @@ class Stage:
         kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, f, gx, gz)
         return gx, gz, f
 
-    def _contact(self, state, now, T, T_in, kf, slopes=False):
+    def contact_fluxes(self, state, now, T, T_in, kf, slopes=False):
+        """Interface fluxes at rises T (cells,) with road entering at T_in (n_road,)."""
         b = self.b
         ambient = b.scene.ambient
         at = now._replace(x=b.scene.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi)
@@ -164,9 +165,9 @@ class Stage:
         b, mesh = self.b, self.b.scene.mesh
         now = self.moment(t)
         T = b.rise(y[: b.n])
-        self.gx, self.gz, kf = self._conduction(T, now)
+        self.gx, self.gz, kf = self.conduction(T, now)
         self.gamma, self.carry = gamma, self.carry_unit * now.speed
-        self.stretch = b.ones if b.capacity_slope is None else 1.0 + b.capacity_slope * T
+        self.stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
         self._linearise(now, T, kf)
         inv, mul, low, low2, high = self.factors
         kernels.factorise(
@@ -181,7 +182,7 @@ class Stage:
         state, T_in = self.contact_state(now), self.entering(now)
         b.sites.slopes(now._replace(spot_fraction=state.phi), T, kf, self.own, rows)
         if now.touching:
-            _, d = self._contact(state, now, T, T_in, kf, slopes=True)
+            _, d = self.contact_fluxes(state, now, T, T_in, kf, slopes=True)
             dx, phi = mesh.dx_block, state.phi
             deep = phi * (1.0 - state.surface) * dx
             on = slice(mesh.first, mesh.last)
@@ -213,7 +214,7 @@ class Stage:
         self.calls["times"] += 1
         b, mesh, n = self.b, self.b.scene.mesh, self.b.n
         h = v[:n]
-        T = h if b.capacity_slope is None else h / self.stretch
+        T = h if b.capacity_gradient is None else h / self.stretch
         out[:] = 0.0
         q = out[:n]
         none = self.no_inflow
@@ -238,5 +239,5 @@ class Stage:
         z[n:] = r[n:]
         for i, index, weight in self.rows:
             z[i] += self.gamma * (weight @ T[index])
-        if b.capacity_slope is not None:
+        if b.capacity_gradient is not None:
             T *= self.stretch

@@ -23,5 +23,5 @@ class CapacitySlope(Effect):
 
     def heat(self, scene, p):
         """Slopes of the enthalpy's derivative."""
-        yield Term("block.capacity_slope", lambda T, now, p: p.block)
-        yield Term("road.capacity_slope", lambda T, now, p: p.road)
+        yield Term("block.capacity_gradient", lambda T, now, p: p.block)
+        yield Term("road.capacity_gradient", lambda T, now, p: p.road)

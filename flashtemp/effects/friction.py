@@ -43,7 +43,8 @@ class Friction(Effect):
                 )
             if spectrum[:, 1].min() < cls.depth.low:
                 raise BadInput(
-                    f"friction.spectrum: depth {spectrum[:, 1].min():g} m is too small; give depths >= {cls.depth.low:g} m"
+                    f"friction.spectrum: depth {spectrum[:, 1].min():g} m is too small; "
+                    f"give depths >= {cls.depth.low:g} m"
                 )
             values["spectrum"] = spectrum.tolist()
         return values

@@ -1,0 +1,65 @@
+# flashtemp: `make demo` runs the main job, `make test` the tests.  Both set up .venv when it is
+# missing or older than pyproject.toml; nothing outside this folder is touched, except that root
+# (or sudo without a password) installs SUNDIALS where apt-get has it and it is missing.
+
+CASE ?= cases/run_in
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+PIP := .venv/bin/python -m pip --disable-pip-version-check
+READY := .venv/.ready
+
+.PHONY: help demo test lint odes clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1	/p' Makefile
+
+demo: $(READY)  ## simulate cases/run_in; CASE=... for another
+	.venv/bin/flashtemp run $(CASE)
+
+test: $(READY)  ## run the tests; ARGS=... goes to pytest
+	.venv/bin/python -m pytest $(ARGS)
+
+lint: $(READY)  ## ruff
+	@test -x .venv/bin/ruff || $(PIP) install --quiet ruff
+	.venv/bin/ruff check .
+
+clean:  ## remove .venv and everything built or cached, but no results
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/bin/pip:
+	@test -n "$(PYTHON)" || { echo "flashtemp needs Python 3.11 or later: apt-get install python3-venv"; exit 1; }
+	@echo "setting up .venv, about a minute"
+	@$(PYTHON) -m venv --clear .venv
+
+$(READY): pyproject.toml | .venv/bin/pip
+	$(PIP) install --quiet --upgrade pip
+	$(PIP) install --quiet --editable '.[test]'
+	@$(MAKE) --no-print-directory odes
+	@touch $@
+
+# scikits-odes is compiled on the system's SUNDIALS: 3.0 on SUNDIALS 6 (Python <= 3.12), 3.1 on 7.
+# Where that cannot be, scikit-sundae, a wheel with SUNDIALS inside, does the same work.
+SUNDIALS = printf '\#include <Python.h>\n\#include <sundials/sundials_config.h>\n' | $${CC:-cc} -E -dM - 2>/dev/null \
+	-I"$$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("include"))')" | \
+	sed -n 's/^.define SUNDIALS_VERSION_MAJOR //p'
+APT = DEBIAN_FRONTEND=noninteractive apt-get -q -o DPkg::Lock::Timeout=60 </dev/null >>.venv/apt.log 2>&1
+
+odes: | .venv/bin/pip  ## try scikits-odes again, after a change of the system's SUNDIALS
+	@major=$$($(SUNDIALS)); root=env; [ $$(id -u) = 0 ] || root="sudo -n env"; \
+	if [ -z "$$major" ] && command -v apt-get >/dev/null && $$root true 2>/dev/null; then \
+		echo "installing SUNDIALS with apt-get"; \
+		$$root $(APT) update; $$root $(APT) install -y --no-install-recommends libsundials-dev python3-dev; \
+		major=$$($(SUNDIALS)); \
+	fi; \
+	case "$$major" in 6) odes=3.0;; 7) odes=3.1;; *) odes=;; esac; \
+	echo "numpy<2.5" >.venv/build-constraint.txt; \
+	if [ -z "$$odes" ]; then \
+		echo "CVODE: scikit-sundae (scikits-odes needs a C compiler and the headers of Python and SUNDIALS 6 or 7)"; \
+	elif $(PIP) install --build-constraint .venv/build-constraint.txt "scikits-odes-sundials==$$odes.*" \
+			>.venv/odes.log 2>&1 && .venv/bin/python -c "import scikits_odes_sundials.cvode" 2>>.venv/odes.log; then \
+		echo "CVODE: scikits-odes $$odes on SUNDIALS $$major"; \
+	else \
+		$(PIP) uninstall --quiet --yes scikits-odes-sundials 2>/dev/null; \
+		echo "CVODE: scikit-sundae (scikits-odes $$odes did not build on SUNDIALS $$major, see .venv/odes.log)"; \
+	fi

@@ -1,0 +1,41 @@
+"""The examples in the docstrings are true."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+
+import pytest
+
+import flashtemp
+
+PACKAGES = ("flashtemp", "flashtemp.effects", "flashtemp.meshes", "flashtemp.viz")
+FEWEST = 40  # a ratchet: examples may only become more
+
+
+def modules() -> list[str]:
+    names = []
+    for package in PACKAGES:
+        path = importlib.import_module(package).__path__
+        names += [package, *(f"{package}.{m.name}" for m in pkgutil.iter_modules(path) if not m.ispkg)]
+    return sorted(names)
+
+
+@pytest.mark.parametrize("name", modules())
+def test_examples(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
+
+
+def test_there_are_examples():
+    finder = doctest.DocTestFinder()
+    found = [e for n in modules() for t in finder.find(importlib.import_module(n)) for e in t.examples]
+    assert len(found) >= FEWEST
+
+
+def test_all_four_folders_are_walked():
+    """meshes and viz stand beside the package and are installed inside it."""
+    names = modules()
+    assert {"flashtemp.mesh", "flashtemp.effects.friction", "flashtemp.meshes.grading"} <= set(names)
+    assert any(n.startswith("flashtemp.viz.") for n in names)
+    assert flashtemp.__name__ in names

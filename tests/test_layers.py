@@ -1,0 +1,164 @@
+"""The shape of the package: who may import whom, how long a module may be, what an import costs."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import flashtemp
+
+ROOT = Path(__file__).parents[1]
+LAYERS = [  # from the bottom; a module imports from its own layer or one before it
+    ["errors"],
+    ["tables", "mesh", "material", "schedule", "effect"],
+    ["effects", "meshes", "scene"],
+    ["laws", "contact", "kernels", "sites"],
+    ["balance"],
+    ["stage"],
+    ["track", "run", "cvode"],
+    ["march"],
+    ["keys", "case"],
+    ["export", "job", "verify", "exact"],
+    ["viz"],
+    ["__main__"],
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+LONGEST = 350  # lines of a module
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name."""
+    files = [*(ROOT / "flashtemp").rglob("*.py"), *(ROOT / "meshes").glob("*.py"), *(ROOT / "viz").glob("*.py")]
+    dotted = {}
+    for file in files:
+        parts = list(file.relative_to(ROOT).with_suffix("").parts)
+        parts = parts if parts[0] == "flashtemp" else ["flashtemp", *parts]
+        dotted[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return dotted
+
+
+MODULES = modules()
+
+
+def imports(file: Path, lazy: bool = True):
+    """Dotted modules that a file imports; without `lazy` only those imported with the module."""
+
+    def walk(node):
+        for child in ast.iter_child_nodes(node):
+            inside = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+            if lazy or not inside:
+                yield child
+                yield from walk(child)
+
+    for node in walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (a.name for a in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file.name}: relative import"
+            for a in node.names:
+                full = f"{node.module}.{a.name}"
+                yield full if full in MODULES else node.module
+
+
+def layer(module: str) -> str:
+    """The name in LAYERS of a module of the package."""
+    return module.split(".")[1]
+
+
+def own(file: Path, lazy: bool = True) -> set[str]:
+    """Modules of this package that a file imports."""
+    return {m for m in imports(file, lazy) if m.startswith("flashtemp.")}
+
+
+def named(*names: str):
+    return pytest.mark.parametrize("module", [m for m in sorted(MODULES) if m not in ("flashtemp", *names)])
+
+
+@named()
+def test_imports_only_from_below(module):
+    level = LEVEL[layer(module)]  # a new module needs a place in LAYERS
+    above = {m for m in own(MODULES[module]) if LEVEL[layer(m)] > level and layer(m) != "viz"}
+    assert above == set()
+
+
+def test_no_module_imports_the_package_itself():
+    for module, file in MODULES.items():
+        assert "flashtemp" not in set(imports(file)) or layer(module) in ("__main__", "job", "run"), module
+
+
+def test_no_circles():
+    graph = {m: own(f) for m, f in MODULES.items() if m != "flashtemp"}
+    assert list(TopologicalSorter(graph).static_order())
+
+
+@named()
+def test_drawing_stays_at_the_edge(module):
+    """pyvista and matplotlib only in export and viz; viz only inside functions of job and __main__."""
+    tops = {m.split(".")[0] for m in imports(MODULES[module])}
+    if layer(module) not in ("export", "viz"):
+        assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"})
+    if layer(module) != "viz":
+        assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False))
+        if layer(module) not in ("job", "__main__"):
+            assert not any(layer(m) == "viz" for m in own(MODULES[module]))
+
+
+@named()
+def test_length(module):
+    assert len(MODULES[module].read_text().splitlines()) <= LONGEST
+
+
+@pytest.mark.parametrize("folder", ["meshes", "viz"])
+def test_no_second_copy_from_the_root(folder):
+    """From the project's root a bare `import meshes` would load the folder a second time."""
+    done = subprocess.run([sys.executable, "-c", f"import {folder}"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert f"import flashtemp.{folder}, not {folder}" in done.stderr
+
+
+def test_public_names():
+    assert len(flashtemp.__all__) <= 15
+    for name in flashtemp.__all__:
+        assert getattr(flashtemp, name) is not None
+
+
+@pytest.mark.parametrize("name", sorted(flashtemp.__all__))
+def test_public_name_is_never_a_module(name):
+    """Importing the submodule of the same name must not hide the function behind it."""
+    importlib.import_module("flashtemp.case")
+    assert callable(getattr(flashtemp, name))
+
+
+def fresh(code: str) -> dict:
+    """What a fresh process prints as JSON."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+IMPORT = """
+import sys, time
+began = time.perf_counter()
+import flashtemp
+{more}
+took = time.perf_counter() - began
+import json
+print(json.dumps({{"took": took, "modules": [m for m in sys.modules if "." not in m]}}))
+"""
+
+
+def test_import_is_cheap():
+    tries = [fresh(IMPORT.format(more="")) for _ in range(3)]
+    assert min(t["took"] for t in tries) < 0.6
+    assert {"numba", "matplotlib", "pyvista", "xarray", "scipy"}.isdisjoint(tries[0]["modules"])
+
+
+def test_loading_a_case_draws_nothing():
+    answer = fresh(IMPORT.format(more="flashtemp.load"))
+    assert {"matplotlib", "pyvista", "vtkmodules", "xarray", "h5py"}.isdisjoint(answer["modules"])

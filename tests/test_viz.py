@@ -1,0 +1,248 @@
+"""Pictures show the run's own numbers, with units, for every kind of run."""
+
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import flashtemp.viz
+import numpy as np
+import pytest
+from flashtemp.viz import budget, clock, field, film, friction, profile, theme
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from scipy.interpolate import RegularGridInterpolator
+
+from flashtemp.case import assemble, build, settings
+from flashtemp.keys import Places
+from flashtemp.march import march
+
+PICTURES = (profile, film, field, friction, budget)
+RUNS = {
+    "run_in": {"effects": ["track_memory", "friction_softening"], "schedule.repetitions": 9, "schedule.wait": 10.0},
+    "one": {},
+    "no_wait": {"schedule.repetitions": 2, "effects": ["holder_sink"]},
+    "no_friction": {"friction.mu": 0.0, "schedule.repetitions": 2, "schedule.wait": 5.0},
+    "long_waits": {"schedule.speed": 1.0, "schedule.repetitions": 3, "schedule.wait": 4000.0, "schedule.lifted": False},
+    "finite_alpha": {"contact.alpha": 5000.0},
+}
+
+
+def simulate(name):
+    small = {"numerics.mesh": 0.3, "output.profiles": 8, "output.fields": 2}
+    case = assemble({}, small | RUNS[name], Places("x"), Path("."), name)
+    return march(build(case), settings(case), f"{name}, 0.15 MPa")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {name: simulate(name) for name in RUNS}
+
+
+def pixels(fig):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def line(ax, colour, width=0.0):
+    """The last line of a colour, at least so wide."""
+    found = [i for i in ax.lines if to_hex(i.get_color()) == to_hex(colour) and i.get_linewidth() > width]
+    return found[-1]
+
+
+@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda m: m.__name__.rsplit(".", 1)[1])
+def test_every_kind_of_run_is_drawn_with_units_and_without_overlaps(runs, picture, name):
+    fig = picture.draw(runs[name])
+    image = pixels(fig)
+    assert (image < 250).any(axis=2).mean() > 0.01
+    assert fig.get_suptitle() == f"{name}, 0.15 MPa"
+    labels = [text for ax in fig.axes for text in (ax.get_xlabel(), ax.get_ylabel()) if text]
+    assert len(labels) >= 2
+    assert all("(" in text and ")" in text for text in labels), labels
+    no_overlaps(fig)
+
+
+def no_overlaps(fig):
+    """Every text lies within the figure and on no other."""
+    renderer = fig.canvas.get_renderer()
+    texts = [t for ax in fig.axes for t in (ax.xaxis.label, ax.yaxis.label, ax._left_title, *ax.texts)]
+    ticks = [t for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) for t in visible(axis)]
+    boxes = [(t.get_text(), t.get_window_extent(renderer)) for t in [*texts, *ticks, fig._suptitle, fig._supxlabel] if t]
+    boxes = [(text, box) for text, box in boxes if text.strip()]
+    for i, (text, box) in enumerate(boxes):
+        assert box.x0 > -1, text
+        assert box.y0 > -1, text
+        assert box.x1 < fig.bbox.x1 + 1, text
+        assert box.y1 < fig.bbox.y1 + 1, text
+        for other, obstacle in boxes[i + 1 :]:
+            assert not box.overlaps(obstacle), (text, other)
+
+
+def visible(axis):
+    """Labels of an axis' ticks that are drawn."""
+    low, high = sorted(axis.get_view_interval())
+    ticks = axis.get_major_ticks()
+    return [t for k in ticks if low <= k.get_loc() <= high for t in (k.label1, k.label2) if t.get_visible()]
+
+
+def test_profile_shows_both_curves_of_the_last_repetition(runs):
+    run = runs["run_in"]
+    ax = profile.draw(run).axes[0]
+    for colour, values in ((theme.SPOT, run.T_spot), (theme.BLOCK, run.T_block)):
+        drawn = line(ax, colour, 1.0)
+        np.testing.assert_array_equal(drawn.get_ydata(), values[run.last])
+        np.testing.assert_array_equal(drawn.get_xdata(), 1e3 * run.x)
+    faint = [i for i in ax.lines if i.get_linewidth() < 0.7 and len(i.get_xdata())]
+    assert len(faint) == 2 * profile.EARLIER
+    np.testing.assert_array_equal(faint[0].get_ydata(), run.T_spot[clock.ends(run)[0]])
+
+
+def test_profile_shows_the_road_where_it_differs_or_is_asked_for(runs):
+    def dashed(fig):
+        return [i for i in fig.axes[0].lines if i.get_linestyle() == "--"]
+
+    assert not dashed(profile.draw(runs["one"]))
+    assert len(dashed(profile.draw(runs["one"], road=True))) == 1
+    run = runs["finite_alpha"]
+    np.testing.assert_array_equal(dashed(profile.draw(run))[0].get_ydata(), run.T_road[run.last])
+    assert not dashed(profile.draw(run, road=False))
+
+
+def test_map_keeps_the_mean_over_time_and_the_true_times(runs):
+    run = runs["one"]
+    ax = next(a for a in film.draw(run).axes if any(isinstance(c, QuadMesh) for c in a.collections))
+    mesh = ax.collections[0]
+    corners, drawn = mesh.get_coordinates(), np.asarray(mesh.get_array())
+    time, x = corners[0, :, 0], corners[:, 0, 1]
+    assert (time[0], x[0], x[-1]) == (0.0, 0.0, pytest.approx(25.0))
+    assert time[-1] == pytest.approx(run.time[-1])
+    exact = np.trapezoid(run.T_block, run.time, axis=0) / run.time[-1]
+    np.testing.assert_allclose(drawn.mean(axis=1), np.interp(0.5e-3 * (x[1:] + x[:-1]), run.x, exact), rtol=1e-9)
+    late = np.searchsorted(time, run.time[-2]) - 1
+    np.testing.assert_allclose(drawn[-1, late], run.T_block[-2, -1], atol=0.02)
+    assert mesh.norm.vmin == run.T_block.min()
+    assert mesh.norm.vmax == run.T_block.max()
+
+
+def test_map_lines_equal_the_records_and_break_where_a_wait_ends(runs):
+    run = runs["run_in"]
+    ax = film.draw(run).axes[0]
+    drawn = line(ax, theme.PLACES["trailing edge"]).get_ydata()
+    assert np.isnan(drawn).sum() == 8
+    np.testing.assert_array_equal(drawn[np.isfinite(drawn)], run.T_block[:, -1])
+    bands = clock.clock(run).waits
+    assert len(bands) == 8
+    assert bands[0] == (35.0, 45.0)
+
+
+def test_waits_that_would_fill_the_map_are_compressed(runs):
+    run = runs["long_waits"]
+    when = clock.clock(run)
+    assert when.compressed
+    assert "compressed" in film.draw(run).axes[0].get_xlabel()
+    columns = when.columns(300)
+    assert (columns[0], columns[-1]) == (run.time[0], run.time[-1])
+    sliding = (np.diff(columns) < 1.0).mean()
+    assert sliding == pytest.approx(1 / (1 + clock.KEPT), abs=0.02)
+    assert not clock.clock(runs["run_in"]).compressed
+
+
+def test_field_shows_ends_of_repetitions_and_the_wait(runs):
+    run = runs["run_in"]
+    frames = field.moments(run)
+    at = run.frames[list(frames)]
+    assert len(frames) == 3
+    assert run.time[at[0]] == 35.0
+    assert not run.sliding[at[1]]
+    assert at[2] == run.last
+    assert len(field.moments(runs["one"])) == 1
+    assert len(field.moments(runs["no_wait"])) == 2
+
+
+def test_field_is_to_scale_above_and_shows_the_cells(runs):
+    run = runs["one"]
+    above, below = field.draw(run).axes[:2]
+    assert above.get_aspect() == 1.0
+    assert below.get_yscale() == "function"
+    frame = run.field[next(iter(field.moments(run)))]
+    m = run.mesh
+    z_block, z_road = m.z_centre[m.block[0]], m.z_centre[m.road[0]]
+    bodies = ((frame[m.road], m.x_centre, z_road), (frame[m.block], run.x, z_block))
+    for mesh, (cells, x, z) in zip((c for c in above.collections if isinstance(c, QuadMesh)), bodies, strict=True):
+        corners = 1e-3 * mesh.get_coordinates()
+        centres = 0.25 * (corners[1:, 1:] + corners[:-1, 1:] + corners[1:, :-1] + corners[:-1, :-1])
+        centres[..., 0] = np.clip(centres[..., 0], x[0], x[-1])
+        centres[..., 1] = np.clip(centres[..., 1], z[0], z[-1])
+        expected = RegularGridInterpolator((x, z), cells.astype(float))(centres)
+        np.testing.assert_allclose(np.asarray(mesh.get_array()), expected, atol=1e-4)
+
+
+def test_friction_shows_every_repetition_and_its_mean(runs):
+    run = runs["run_in"]
+    fig = friction.draw(run)
+    within, mean = fig.axes[:2]
+    assert len(within.lines) == 9
+    second = run.sliding & (run.repetition == 2)
+    np.testing.assert_array_equal(within.lines[1].get_ydata(), run.friction[second])
+    assert within.lines[1].get_xdata()[0] == 0.0
+    assert within.lines[1].get_xdata()[-1] == pytest.approx(3.5)
+    np.testing.assert_array_equal(mean.lines[0].get_ydata(), run.friction_per_repetition)
+    assert len(friction.draw(runs["one"]).axes) == 1
+
+
+def test_budget_stacks_to_the_friction_heat_and_prints_the_imbalance(runs):
+    run = runs["no_wait"]
+    fig = budget.draw(run)
+    over, last = fig.axes
+    np.testing.assert_allclose(over.lines[-1].get_ydata(), run.width * run.energy["friction"])
+    top = over.collections[-1].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx(run.width * run.energy["friction"][-1], rel=1e-3)
+    bars = {t.get_text(): p.get_width() for t, p in zip(last.get_yticklabels(), last.patches, strict=True)}
+    for name, words in budget.WORDS.items():
+        assert bars[words] == pytest.approx(100 * run.budget[name] / run.budget["friction"])
+    assert sum(bars.values()) == pytest.approx(100.0, abs=0.1)
+    assert f"{run.energy_imbalance:.1e}" in fig.get_supxlabel()
+
+
+def test_budget_draws_losses_below_zero(runs):
+    run = runs["no_wait"]
+    gained = {**run.energy, "air": np.linspace(0.0, 500.0, len(run.time))}
+    warmed = type(run)(**{k: getattr(run, k) for k in run.__dataclass_fields__} | {"energy": gained})
+    fig = budget.draw(warmed)
+    pixels(fig)
+    assert fig.axes[0].get_ylim()[0] < -500.0 * run.width < 0
+    assert fig.axes[1].get_xlim()[0] < 0
+
+
+def test_draw_all_writes_five_pictures_and_leaves_matplotlib_alone(runs, tmp_path):
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    written = flashtemp.viz.draw_all(runs["one"], tmp_path)
+    assert [p.name for p in written] == ["profile.png", "map.png", "field.png", "friction.png", "budget.png"]
+    assert sorted(written) == sorted(tmp_path.iterdir())
+    assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 5000 for p in written)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_second_copy_is_refused(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(flashtemp.viz.__file__).parents[1]))
+    with pytest.raises(ImportError, match=r"import flashtemp\.viz, not viz"):
+        import_module("viz")
+
+
+def test_pictures_do_without_pyplot_and_importing_viz_without_matplotlib(runs, tmp_path):
+    (tmp_path / "run").write_bytes(pickle.dumps(runs["one"]))
+    code = (
+        "import flashtemp.viz, pathlib, pickle, sys\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "run = pickle.loads(pathlib.Path('run').read_bytes())\n"
+        "flashtemp.viz.draw_all(run, '.')\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)

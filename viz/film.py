@@ -1,0 +1,85 @@
+"""T(x, t) of the block's surface over all repetitions, and the same at three places against time."""
+
+from __future__ import annotations
+
+import numpy as np
+from flashtemp.viz import theme
+from flashtemp.viz.clock import Clock, clock, means, with_breaks
+from matplotlib.figure import Figure
+
+FEW = 16  # repetitions; more are drawn with thinner lines
+COLUMNS, ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi
+
+
+@theme.styled
+def draw(run) -> Figure:
+    """Surface temperature averaged across y (degC) over time and distance from the leading edge (mm).
+
+    Above the map a strip of repetitions and waits, below it leading edge, middle and trailing edge
+    against time; waits are shaded.  Records stand at their true times.
+    """
+    when = clock(run)
+    strip = len(when.start) > 1 or bool(when.waits)
+    fig = theme.figure(run, theme.WIDE, 4.9 if strip else 4.6)
+    rows = fig.add_gridspec(3 if strip else 2, 1, height_ratios=[0.09, 1.35, 1.0][0 if strip else 1 :])
+    lines = fig.add_subplot(rows[-1])
+    film = fig.add_subplot(rows[-2])
+    _lines(lines, run, when)
+    _film(fig, film, run, when)
+    if strip:
+        _strip(fig.add_subplot(rows[0]), when)
+    return fig
+
+
+def _film(fig, ax, run, when: Clock) -> None:
+    """The map: mean over each of its columns, linear between true times and places; starts anew after a wait."""
+    time = when.columns(COLUMNS)
+    x = np.linspace(0.0, run.mesh.x[run.mesh.last], ROWS + 1)
+    at, records = with_breaks(run, run.T_block)
+    values = means(records, at, time)
+    values = theme.between(values.T, run.x, 0.5 * (x[1:] + x[:-1]))
+    film = ax.pcolormesh(
+        when.of(time), 1e3 * x, values, rasterized=True,
+        cmap=theme.temperature_map(), norm=theme.temperature_norm(run.T_block),
+    )  # fmt: skip
+    when.shape(ax)
+    ax.set(xlabel="", ylim=(0.0, 1e3 * x[-1]), ylabel="x from leading edge (mm)")
+    ax.tick_params(labelbottom=False)
+    bar = fig.colorbar(film, ax=ax, label=f"block surface, mean across y ({theme.DEGREE})", pad=0.01, aspect=14)
+    bar.outline.set_linewidth(0.4)
+
+
+def _lines(ax, run, when: Clock) -> None:
+    """Block surface at leading edge, middle and trailing edge; lines break where a wait ends."""
+    when.shade(ax)
+    many = len(when.start) > FEW
+    columns = (0, int(np.argmin(abs(run.x - 0.5 * (run.x[0] + run.x[-1])))), len(run.x) - 1)
+    time, records = with_breaks(run, run.T_block, np.nan)
+    for (name, colour), i in zip(theme.PLACES.items(), columns, strict=True):
+        ax.plot(when.of(time), records[:, i], color=colour, lw=0.5 if many else 1.1, label=name)
+    ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label="ambient")
+    ax.set_ylim(*theme.span(run.T_block[:, columns], run.ambient_degC, least=1.0))
+    ax.set_ylabel(f"block surface ({theme.DEGREE})")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.1)
+    when.shape(ax)
+
+
+def _strip(ax, when: Clock) -> None:
+    """Sliding dark, waiting pale; repetitions numbered as far as there is room."""
+    begin, end = when.of(when.start), when.of(when.end)
+    ax.bar(begin, 1.0, end - begin, align="edge", color=theme.SLIDING, edgecolor="white", lw=0.4)
+    for a, b in when.waits:
+        ax.axvspan(*when.of([a, b]), facecolor=theme.WAITING, edgecolor="white", lw=0.4)
+    when.shape(ax)
+    named = _numbered(len(begin))
+    ax.set_xticks(0.5 * (begin + end)[named], [str(r) for r in when.repetition[named]])
+    ax.set(xlabel="", ylim=(0.0, 1.0), yticks=[])
+    ax.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0, pad=1)
+    ax.set_title("sliding (dark, numbered by repetition)" + (" and waits (pale)" if when.waits else ""))
+    ax.spines[:].set_visible(False)
+
+
+def _numbered(count: int) -> np.ndarray:
+    """Which repetitions get a number: all, or every 2nd, 5th, 10th ... so that at most 25 do."""
+    step = next(s * 10**p for p in range(9) for s in (1, 2, 5) if count <= 25 * s * 10**p)
+    return np.arange(count) if step == 1 else np.arange(step - 1, count, step)

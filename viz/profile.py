@@ -1,0 +1,71 @@
+"""T(x) under the block at the end of the last repetition: in the contact regions and averaged across y."""
+
+from __future__ import annotations
+
+import numpy as np
+from flashtemp.viz import theme
+from flashtemp.viz.clock import ends
+from matplotlib.figure import Figure
+
+EARLIER = 4  # faint curves at most
+
+
+@theme.styled
+def draw(run, road: bool | None = None) -> Figure:
+    """Temperature (degC) against distance from the leading edge (mm) at the end of the last repetition.
+
+    Red: in the macroasperity contact regions; green: averaged across y; faint: ends of earlier
+    repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.
+    """
+    fig = theme.figure(run, theme.NARROW, 4.0)
+    ax = fig.add_subplot()
+    x, k = 1e3 * run.x, run.last
+    earlier = ends(run)[:-1]
+    earlier = earlier[theme.chosen(len(earlier), EARLIER)]
+    for i in earlier:
+        ax.plot(x, run.T_spot[i], color=theme.SPOT, lw=0.6, alpha=0.35)
+        ax.plot(x, run.T_block[i], color=theme.BLOCK, lw=0.6, alpha=0.45)
+    ax.plot(x, run.T_spot[k], color=theme.SPOT, label="temperature in the macroasperity contact regions")
+    ax.plot(x, run.T_block[k], color=theme.BLOCK, label="averaged across y")
+    shown = [run.T_spot[[*earlier, k]], run.T_block[[*earlier, k]], run.ambient_degC]
+    if road or (road is None and _differs(run, k)):
+        ax.plot(x, run.T_road[k], color=theme.ROAD, lw=0.8, ls="--", label="road in the lanes")
+        shown.append(run.T_road[k])
+    if len(earlier):
+        ax.plot([], [], color=theme.AMBIENT, lw=0.6, alpha=0.6, label=_earlier_label(run, earlier))
+    ambient = f"ambient, {theme.number(run.ambient_degC)} {theme.DEGREE}"
+    ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label=ambient)
+    ax.set(xlim=(0.0, 1e3 * _length(run)), ylim=theme.span(*shown, least=1.0))
+    ax.set(xlabel="distance from the leading edge, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
+    fig.legend(loc="outside lower left", ncols=2)
+    when = f"t = {theme.number(run.time[k])} s, slid {theme.number(run.slid[k])} m"
+    ax.set_title(f"end of repetition {run.repetition[k]}: {when}", pad=20)
+    _mark_edges(ax)
+    return fig
+
+
+def _differs(run, k: int) -> bool:
+    """Whether road and spots are at visibly different temperatures, as at a finite alpha."""
+    scale = max(1e-9, float(np.ptp(run.T_spot[k])))
+    return bool(np.abs(run.T_road[k] - run.T_spot[k]).max() > 0.005 * scale)
+
+
+def _length(run) -> float:
+    """Length of the block, m."""
+    return float(run.mesh.x[run.mesh.last])
+
+
+def _earlier_label(run, earlier: np.ndarray) -> str:
+    numbers = [str(r) for r in run.repetition[earlier]]
+    return f"end{'s' if len(numbers) > 1 else ''} of repetition {', '.join(numbers)}"
+
+
+def _mark_edges(ax) -> None:
+    """Name the edges above the frame and point an arrow along the sliding of the block."""
+    ax.text(0.0, 1.02, "leading edge", transform=ax.transAxes, ha="left", va="bottom")
+    ax.text(1.0, 1.02, "trailing edge", transform=ax.transAxes, ha="right", va="bottom")
+    ax.text(0.47, 1.02, "the block slides this way", transform=ax.transAxes, ha="left", va="bottom")
+    ax.annotate(
+        "", xy=(0.33, 1.045), xytext=(0.455, 1.045), xycoords="axes fraction",
+        arrowprops={"arrowstyle": "-|>", "lw": 0.8, "color": "black", "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip

@@ -1,0 +1,137 @@
+"""Colours, fonts and sizes of all pictures, and the helpers that keep them alike.
+
+Nothing is set globally: `styled` wraps every `draw` so that matplotlib's settings hold inside it
+only, whatever the user's own matplotlibrc says.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+from functools import wraps
+from importlib import import_module
+
+import numpy as np
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+SPOT = "#B2182B"  # in the macroasperity contact regions
+BLOCK = "#1FA37A"  # block, averaged across y
+ROAD = "#6E7F8D"
+HOLDER = "#E69F00"
+AIR = "#56B4E9"
+AMBIENT = "#5A5A5A"
+PLACES = {"leading edge": "#0072B2", "middle": "#4D4D4D", "trailing edge": "#D55E00"}
+SLIDING, WAITING = "#4D4D4D", "#E4E4E4"
+
+TEMPERATURE = "inferno"
+REPETITIONS = "viridis"
+DEGREE = "°C"
+DPI = 160
+WIDE, NARROW = 7.2, 5.2  # inches
+STYLE = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.4,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "figure.titlesize": 9.5,
+    "figure.titleweight": "bold",
+    "savefig.dpi": DPI,
+    "hatch.linewidth": 0.5,
+}
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """A `draw` that runs under this theme and leaves matplotlib's settings as they were."""
+
+    @wraps(draw)
+    def wrapped(*args, **kwargs) -> Figure:
+        with import_module("matplotlib.style").context(["default", STYLE]):
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def figure(run, width: float, height: float) -> Figure:
+    """An empty figure (inches) with the run's title, laid out so that nothing overlaps."""
+    fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    fig.suptitle(textwrap.shorten(run.title, round(11 * width), placeholder=" ..."), x=0.01, ha="left")
+    return fig
+
+
+def temperature_map() -> ListedColormap:
+    """The one colour map of temperature: perceptually uniform, without the black and white ends."""
+    from matplotlib import colormaps
+
+    return ListedColormap(colormaps[TEMPERATURE](np.linspace(0.04, 0.97, 256)), name="temperature")
+
+
+def temperature_norm(*values: np.ndarray) -> Normalize:
+    """Colour limits (degC) over all values; at least 1 K wide, so that a constant stays drawable."""
+    low, high = span(*values, least=0.0, margin=0.0)
+    return Normalize(low, max(high, low + 1.0))
+
+
+def span(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
+    """Lowest and highest of all values, at least `least` apart, widened by a share `margin` of it."""
+    flat = np.concatenate([np.ravel(v) for v in values])
+    flat = flat[np.isfinite(flat)]
+    low, high = (flat.min(), flat.max()) if len(flat) else (0.0, 0.0)
+    missing = max(0.0, least - (high - low))
+    low, high = low - 0.5 * missing, high + 0.5 * missing
+    extra = margin * (high - low)
+    return float(low - extra), float(high + extra)
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for a label, never in exponents.
+
+    >>> number(17504.0, 3), number(0.0416), number(35.0)
+    ('17500', '0.0416', '35')
+    """
+    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+
+
+def nice_ceil(value: float) -> float:
+    """The next 1, 2, 3 or 5 times a power of ten.
+
+    >>> nice_ceil(0.23), nice_ceil(1.7), nice_ceil(5.1)
+    (0.3, 2.0, 10.0)
+    """
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(s for s in (1, 2, 3, 5, 10) if s * power >= value * (1 - 1e-9))
+    return float(f"{step * power:.6g}")
+
+
+def chosen(count: int, most: int) -> np.ndarray:
+    """At most `most` indices spread evenly over range(count), both ends among them.
+
+    >>> chosen(3, 5).tolist(), chosen(9, 3).tolist()
+    ([0, 1, 2], [0, 4, 8])
+    """
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def between(values: np.ndarray, at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Linear interpolation along the first axis, outermost values held.
+
+    >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
+    [0.0, 1.0]
+    """
+    k = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, max(0, len(at) - 2))
+    following = np.minimum(k + 1, len(at) - 1)
+    step = at[following] - at[k]
+    weight = np.clip((wanted - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
+    return (1.0 - weight)[:, None] * values[k] + weight[:, None] * values[following]

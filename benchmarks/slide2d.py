@@ -17,7 +17,16 @@ from flashtemp.cvode import available
 CASE = Path(__file__).parent.parent / "cases" / "slide2d"
 GOOD, ROUGH = {}, {"numerics.cells": [24, 16, 26], "numerics.rtol": 1e-2}
 PEERS = {
-    "scipy splu, Crank-Nicolson, 41 chosen steps": ["mol_splu.py", "CN", "plan:1", "1e-5", "5e-6", "1.3", "1.08", "central"],
+    "scipy splu, Crank-Nicolson, 41 chosen steps": [
+        "mol_splu.py",
+        "CN",
+        "plan:1",
+        "1e-5",
+        "5e-6",
+        "1.3",
+        "1.08",
+        "central",
+    ],
     "scipy solve_ivp BDF, sparse Jacobian": ["mol_solve_ivp.py", "1e-5", "5e-6", "1.3", "1.08", "1e-3"],
 }
 

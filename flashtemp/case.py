@@ -14,6 +14,7 @@ import numpy as np
 from flashtemp import cvode, keys
 from flashtemp.effect import Deposit, Term, catalogue
 from flashtemp.errors import BadInput, nearest
+from flashtemp.laws import Laws, laws_mean
 from flashtemp.march import Settings
 from flashtemp.material import LIBRARY, Material
 from flashtemp.meshes import block_on_road
@@ -97,7 +98,7 @@ def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path,
     raw = keys.merge(raw, given)
     effects = keys.names(raw, "effects", [n for n, e in catalogue().items() if not e.base], where, faults) or ()
     candidates = keys.names(raw, "candidates", catalogue(), where, faults)
-    tables = keys.tables(raw, effects)
+    tables = keys.tables(raw, effects, where, faults)
     for table in raw:
         if table not in tables and table not in ("title", "effects", "candidates", "free"):
             if table in catalogue() and "effects" in given and not any(g.startswith(f"{table}.") for g in given):
@@ -111,16 +112,22 @@ def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path,
     values = {t: keys.check(t, declared, raw.get(t, {}), where, faults) for t, declared in tables.items()}
     free = raw.get("free", ["friction.mu"])
     known = [f"{t}.{k}" for t, d in tables.items() for k, p in d.items() if "number" in p.kinds]
-    for key in free if isinstance(free, list) else []:
+    if not isinstance(free, list):
+        faults.append(f'{where("free")}: {free!r}; give a list, for example ["friction.mu"]')
+        free = []
+    for n, key in enumerate(free):
         if key not in known:
-            faults.append(f"{where('free')}: '{key}' is not a parameter of this case{nearest(str(key), known)}")
-    if not isinstance(raw.get("title", ""), str) or not isinstance(free, list):
-        faults.append(f'{where("title")}: title is text and free a list of "table.key"')
+            faults.append(f"{where('free')}: {key!r} is not a parameter of this case{nearest(str(key), known)}")
+        elif key in free[:n]:
+            faults.append(f"{where('free')}: '{key}' is listed twice; once is enough")
+    if not isinstance(raw.get("title", ""), str):
+        faults.append(f"{where('title')}: {raw['title']!r}; give text in quotes")
     if faults:
         raise BadInput(*faults)
     case = Case(raw.get("title", name), values, tuple(effects), folder, name, candidates, tuple(free))
     try:
         build(case)
+        settings(case)
     except BadInput as fault:
         raise BadInput(*(where.prefix(line) for line in fault.lines)) from fault
     return case
@@ -148,8 +155,7 @@ def build(case: Case) -> Scene:
         raise BadInput(
             f"friction.volumetric_share: all shares released inside the rubber sum to {total:g}; give at most 1 in all"
         )
-    speed = _series(case, "schedule.speed", low=0.0)
-    pressure = _series(case, "contact.pressure", low=0.0)
+    speed, pressure = _series(case, "schedule.speed"), _series(case, "contact.pressure")
     remembers = _remembers(acting, v, materials, case)
     schedule = Schedule(
         speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
@@ -160,13 +166,14 @@ def build(case: Case) -> Scene:
             f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; "
             "give a speed that stays > 0"
         )
-    mesh = _mesh(case, v, materials["road"], schedule, remembers)
+    depths = [c.depth for c in parts if isinstance(c, Deposit) and c.share > 0]
+    mesh = _mesh(v, materials["road"], schedule, remembers, depths)
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
             f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
         )
-    return Scene(
+    scene = Scene(
         mesh=mesh,
         block=materials["block"],
         road=materials["road"],
@@ -179,6 +186,14 @@ def build(case: Case) -> Scene:
         spot_diameter=v.contact.spot_diameter,
         track_length=v.road.track_length,
     )
+    shape = laws_mean(
+        Laws(scene), "contact.pressure", mesh.x[mesh.first : mesh.last + 1], scene.moment(schedule.phases[0], 0.0)
+    )
+    if not np.max(shape) > 0:
+        raise BadInput(
+            f"contact.pressure: its profile is {np.max(shape):g} at most under the block; give a profile > 0 somewhere"
+        )
+    return scene
 
 
 def _remembers(acting, v, materials, case) -> bool:
@@ -210,16 +225,14 @@ def _material(case: Case, key: str, name: str) -> Material:
     if name in LIBRARY:
         return LIBRARY[name]
     known = list(own) + list(LIBRARY)
-    raise BadInput(
-        f"{key}: no material '{name}'{nearest(name, known)} known: {', '.join(known)}; or add [materials.{name}]"
-    )
+    raise BadInput(f"{key}: no material '{name}'{nearest(name, known)}; or add [materials.{name}]")
 
 
-def _series(case: Case, key: str, low: float) -> Series:
+def _series(case: Case, key: str) -> Series:
     value = case[key]
     if isinstance(value, (int, float)):
         return constant(value)
-    x, y = pairs(value, case.folder, key, low)
+    x, y = pairs(value, case.folder, key, 0.0, keys.TABLES[key.split(".")[0]][key.split(".")[1]].high)
     if x[0] < 0:
         raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
     if max(y) <= 0:
@@ -227,12 +240,9 @@ def _series(case: Case, key: str, low: float) -> Series:
     return Series(x, y)
 
 
-def _mesh(case: Case, v, road: Material, schedule: Schedule, remembers: bool):
+def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[float]):
     level = v.numerics.mesh
     refine = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}.get(level, level)
-    shallow = [d for s, d in case.values["friction"]["spectrum"] or [] if s > 0]
-    if case["friction.volumetric_share"] > 0 and not shallow:
-        shallow = [case["friction.depth"]]
     first = v.numerics.first_block
     if first is None:
         first = max(2e-7, min([4e-6] + [d / 2 for d in shallow]))
@@ -244,6 +254,15 @@ def _mesh(case: Case, v, road: Material, schedule: Schedule, remembers: bool):
     if first > v.block.height / 4:
         raise BadInput(
             f"numerics.first_block: {first:g} m is more than a quarter of block.height; give a smaller first cell"
+        )
+    cells = math.prod(v.numerics.cells[:2]) + math.prod(v.numerics.cells[::2])
+    if cells * refine**2 > 5e6:
+        raise BadInput(
+            f"numerics.mesh: {level} gives about {cells * refine**2:.2g} cells; at most 5e6, give a coarser mesh"
+        )
+    if v.numerics.last_x > v.block.length / 4:
+        raise BadInput(
+            f"numerics.last_x: {v.numerics.last_x:g} m is more than a quarter of block.length; give a smaller last cell"
         )
     if v.numerics.first_x > v.block.length / 4:
         raise BadInput(

@@ -119,7 +119,7 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
             precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
             max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
-            tstop=tstop, old_api=False, maxl=20,
+            err_handler=lambda *report: None, tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
 
     box = {}

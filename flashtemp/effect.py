@@ -38,13 +38,14 @@ class Param:
     def fault(self, value: Any) -> str | None:
         """What is wrong with a number from a case, or None."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return f"give a number in {self.unit}"
+            return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
         below = value < self.low or (self.open_low and value == self.low)
         if value != value or below or value > self.high:
             sign = ">" if self.open_low else ">="
             upper = f" and <= {self.high:g}" if self.high < inf else ""
             lower = f"{sign} {self.low:g}" if self.low > -inf else ""
-            return f"give a number {lower}{upper} ({self.unit})".replace("  ", " ")
+            unit = f" ({self.unit})" if self.unit not in ("", "1") else ""
+            return f"give a number {lower}{upper}{unit}"
         return None
 
 

@@ -36,10 +36,13 @@ class Interrupted(FlashtempError):
 
 
 def nearest(name: str, known) -> str:
-    """The known name closest to a mistyped one, as half a sentence, or an empty string.
+    """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
 
     >>> nearest("frction", ["friction", "contact"])
     "; did you mean 'friction'?"
     """
-    match = get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f"; did you mean '{match[0]}'?" if match else ""
+    known = list(known)
+    match = get_close_matches(name, known, n=1, cutoff=0.5)
+    if match:
+        return f"; did you mean '{match[0]}'?"
+    return f"; known are {', '.join(known)}" if known else "; nothing can stand here"

@@ -121,10 +121,13 @@ def declared(table: str) -> dict[str, Param]:
     return out
 
 
-def tables(raw: dict, effects) -> dict[str, dict[str, Param]]:
+def tables(raw: dict, effects, where: Places, faults: list[str]) -> dict[str, dict[str, Param]]:
     """Tables this case may have: the base ones, its materials, its effects."""
     own = raw.get("materials", {})
-    names = [f"materials.{n}" for n in own] if isinstance(own, dict) else []
+    if not isinstance(own, dict):
+        faults.append(f"{where('materials')}: {own!r}; write [materials.NAME] and its properties below it")
+        own = {}
+    names = [f"materials.{n}" for n in own]
     out = {t: declared(t) for t in [*TABLES, *names, *effects]}
     for n in names:
         raw[n] = own[n.split(".", 1)[1]]
@@ -142,7 +145,9 @@ def parse_overrides(overrides) -> dict[str, Any]:
     for item in overrides:
         key, eq, text = item.partition("=")
         if not eq or not key.strip():
-            raise BadInput(f"'{item}': not an override; write table.key=value, for example friction.mu=0.8")
+            raise BadInput(
+                f"{item} (command line): not an override; write table.key=value, for example friction.mu=0.8"
+            )
         try:
             out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
@@ -174,7 +179,7 @@ def names(raw: dict, key: str, known, where: Places, faults: list[str]) -> tuple
     if isinstance(value, str):
         value = [v.strip() for v in value.split(",") if v.strip()]
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        faults.append(f'{where(key)}: {value!r}; give a list of names that `flashtemp effects` prints')
+        faults.append(f"{where(key)}: {value!r}; give a list of names that `flashtemp effects` prints")
         return ()
     for name in value:
         if name not in known:

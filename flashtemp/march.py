@@ -135,7 +135,9 @@ def _explain(balance, stage, t, y, fault) -> str:
     body = "block" if mesh.level[cell] >= mesh.n_road else "road"
     x, z = mesh.x_centre[mesh.line[cell]], mesh.z_centre[cell]
     T = balance.rise(h) + balance.scene.ambient
-    sizes = balance.laws.contributors(T[balance.cell_block], stage.moment(t))
+    moment = stage.moment(t)
+    moment = moment._replace(x=mesh.x_block, spot_fraction=stage.contact_state(moment).phi)
+    sizes = balance.laws.contributors(T[balance.cell_block], moment)
     effect = max(sizes, key=sizes.get) if sizes else "none"
     return (
         f"{fault}; at t = {t:.6g} s, hottest {body} cell x = {x * 1e3:.3g} mm, z = {z * 1e3:.3g} mm "
@@ -251,7 +253,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
 
 def _mean_friction(stage, state, moment, T, entering, kf) -> float:
     """Friction coefficient weighted with the local load."""
-    load = state.pressure * stage.b.scene.mesh.dx_block
+    load = np.maximum(state.pressure, 1e-300) * stage.b.scene.mesh.dx_block  # an unloaded block weighs evenly
     return float((stage.contact_fluxes(state, moment, T, entering, kf).mu * load).sum() / load.sum())
 
 

@@ -42,6 +42,8 @@ class Series:
 
     def reach(self, area: float) -> float:
         """Time at which the integral first equals `area`; inf when it never does."""
+        if area <= 0:
+            return 0.0
         if len(self.value) == 1:
             return area / self.value[0] if self.value[0] > 0 else np.inf
         knots = np.asarray(self.time)
@@ -52,6 +54,7 @@ class Series:
         if 0 < k < len(knots):
             slope = (self.value[k] - v0) / (knots[k] - t0)
         root = v0 * v0 + 2 * slope * (area - s0)
+        root = 0.0 if abs(root) < 1e-12 * v0 * v0 else root  # comes to rest just there
         if root < 0 or v0 + np.sqrt(root) <= 0:
             return np.inf
         return float(t0 + 2 * (area - s0) / (v0 + np.sqrt(root)))
@@ -105,15 +108,16 @@ class Schedule:
         out, t = [], 0.0
         for r in range(self.repetitions):
             before = r * self.distance
-            cuts = {0.0, self.slide_time}
+            cuts: set[float] = set()
             for series in (self.speed, self.pressure):
                 if 1 < len(series.time) <= 40:
                     cuts |= {k for k in series.time if 0 < k < self.slide_time}
             if self.lap:
                 laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
                 cuts |= {self.speed.reach(n * self.lap - before) for n in laps}
-            cuts = sorted(c for c in cuts if c <= self.slide_time)
-            cuts = [c for c, nxt in zip(cuts, cuts[1:] + [np.inf], strict=False) if nxt - c > 1e-9 * self.slide_time]
+            tiny = 1e-9 * self.slide_time
+            inner = sorted(c for c in cuts if tiny < c < self.slide_time - tiny)
+            cuts = [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
             for a, b in zip(cuts, cuts[1:], strict=False):
                 out.append(Phase(r + 1, True, t + a, t + b, t, before))
             begin = t

@@ -6,6 +6,7 @@ import numpy as np
 
 from flashtemp import contact, kernels
 from flashtemp.balance import Balance
+from flashtemp.errors import SolverFailure
 from flashtemp.laws import laws_mean
 
 
@@ -130,6 +131,8 @@ class Stage:
         f = np.ones(b.n, dtype=T.dtype)
         for site, cells in (("block", mesh.block), ("road", mesh.road)):
             f[cells] = b.laws(f"{site}.conductivity", 1.0, T[cells] + b.scene.ambient, now)
+        if np.min(f.real) <= 0:
+            raise SolverFailure("thermal conductivity fell to zero or below")
         gx, gz = np.empty_like(f), np.empty_like(f)
         kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, f, gx, gz)
         return gx, gz, f

@@ -81,7 +81,8 @@ def rows(source, folder: Path, key: str, columns: int) -> np.ndarray:
     else:
         data, where = _read(source, folder, key)
     if not data:
-        raise BadInput(f"{key}: the table is empty; give rows of {columns} numbers")
+        name = f" {source}:" if isinstance(source, str) else ""
+        raise BadInput(f"{key}:{name} no rows of numbers; give {columns} numbers per row, separated by commas")
     for place, row in zip(where, data, strict=True):
         if len(row) != columns:
             raise BadInput(f"{place}: {row!r} has {len(row)} values; give {columns} numbers per row")
@@ -92,29 +93,36 @@ def rows(source, folder: Path, key: str, columns: int) -> np.ndarray:
 
 
 def _read(source, folder: Path, key: str):
-    path = folder / str(source)
+    if not isinstance(source, str):
+        raise BadInput(f"{key}: {source!r}; give a CSV file name or a list of rows")
+    path = folder / source
     if not path.is_file():
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
     data, where = [], []
-    with path.open(newline="", encoding="utf-8-sig") as handle:
-        for number, line in enumerate(csv.reader(handle), 1):
-            cells = [c.strip() for c in line]
-            if not any(cells) or cells[0].startswith("#"):
-                continue
-            try:
-                data.append([float(c) for c in cells])
-            except ValueError as fault:
-                if not data:
-                    continue  # a header
-                raise BadInput(
-                    f"{key}: {source}:{number}: {line!r} is not numeric; give numbers separated by commas"
-                ) from fault
-            where.append(f"{key}: {source}:{number}")
+    try:
+        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (UnicodeDecodeError, csv.Error) as fault:
+        raise BadInput(f"{key}: {source}: not a text file of numbers; give a CSV file") from fault
+    for number, line in enumerate(lines, 1):
+        cells = [c.strip() for c in line]
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        try:
+            data.append([float(c) for c in cells])
+        except ValueError as fault:
+            if not data:
+                continue  # a header
+            raise BadInput(
+                f"{key}: {source}:{number}: {line!r} is not numeric; give numbers separated by commas"
+            ) from fault
+        where.append(f"{key}: {source}:{number}")
     return data, where
 
 
-def pairs(source, folder: Path, key: str, low: float = -math.inf) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Two columns with the first strictly increasing and the second >= low."""
+def pairs(
+    source, folder: Path, key: str, low: float = -math.inf, high: float = math.inf
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two columns with the first strictly increasing and the second from low to high."""
     table = rows(source, folder, key, 2)
     step = np.diff(table[:, 0])
     if np.any(step <= 0):
@@ -122,9 +130,10 @@ def pairs(source, folder: Path, key: str, low: float = -math.inf) -> tuple[tuple
         raise BadInput(
             f"{key}: first column goes from {table[k, 0]:g} to {table[k + 1, 0]:g}; it must increase strictly"
         )
-    if np.any(table[:, 1] < low):
-        bad = table[np.argmax(table[:, 1] < low), 1]
-        raise BadInput(f"{key}: value {bad:g} is too small; give values >= {low:g}")
+    outside = (table[:, 1] < low) | (table[:, 1] > high)
+    if np.any(outside):
+        bad = table[np.argmax(outside), 1]
+        raise BadInput(f"{key}: value {bad:g} in the table; give values from {low:g} to {high:g}")
     return tuple(table[:, 0].tolist()), tuple(table[:, 1].tolist())
 
 
@@ -132,7 +141,7 @@ def grid(source, folder: Path, key: str) -> Surface:
     """A Surface from rows (u, v, z) that fill a complete grid."""
     table = rows(source, folder, key, 3)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
-    if len(u) * len(v) != len(table):
+    if len(u) * len(v) != len(table) or len(np.unique(table[:, :2], axis=0)) != len(table):
         raise BadInput(f"{key}: {len(table)} rows do not fill {len(u)} x {len(v)} nodes; give one row for every pair")
     order = np.lexsort((table[:, 1], table[:, 0]))
     z = table[order, 2].reshape(len(u), len(v))

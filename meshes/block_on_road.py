@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from flashtemp.meshes.grading import geometric, two_sided
 
 from flashtemp.mesh import Mesh
+from flashtemp.meshes.grading import geometric, two_sided
 
 
 def build(

@@ -19,7 +19,7 @@ def geometric(length: float, first: float, cells: int, refine: float = 1) -> np.
     """
     fine = max(1, round(cells * refine))
     s = np.linspace(0.0, 1.0, fine + 1)
-    if first * cells >= length * (1 - 1e-9):
+    if cells == 1 or first * cells >= length * (1 - 1e-9):
         return s * length
     rate = brentq(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0)
     edges = length * np.expm1(rate * s) / np.expm1(rate)

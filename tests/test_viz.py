@@ -6,17 +6,17 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import flashtemp.viz
 import numpy as np
 import pytest
-from flashtemp.viz import budget, clock, field, film, friction, profile, theme
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from scipy.interpolate import RegularGridInterpolator
 
+import flashtemp.viz
 from flashtemp.case import assemble, build, settings
 from flashtemp.keys import Places
 from flashtemp.march import march
+from flashtemp.viz import budget, clock, field, film, friction, profile, theme
 
 PICTURES = (profile, film, field, friction, budget)
 RUNS = {

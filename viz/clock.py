@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
 from flashtemp.viz import theme
 
 DOMINANT = 2.5  # waits longer than this many times the sliding are drawn compressed

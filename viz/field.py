@@ -5,9 +5,10 @@ from __future__ import annotations
 import textwrap
 
 import numpy as np
+from matplotlib.figure import Figure
+
 from flashtemp.viz import theme
 from flashtemp.viz.clock import clock, ends
-from matplotlib.figure import Figure
 
 ROAD_SHOWN = 3e-3  # m of road drawn to scale
 BLOCK_NEAR, ROAD_NEAR = 2e-3, 1e-3  # m of the stretched panels at most

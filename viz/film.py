@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
+
 from flashtemp.viz import theme
 from flashtemp.viz.clock import Clock, clock, means, with_breaks
-from matplotlib.figure import Figure
 
 FEW = 16  # repetitions; more are drawn with thinner lines
 COLUMNS, ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi

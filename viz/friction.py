@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from flashtemp.viz import theme
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from flashtemp.viz import theme
 
 LEAST = 0.02  # smallest range of the axis of mu, so that rounding is not drawn as a trend
 LABELLED = 6  # repetitions; more are told apart by a colour bar

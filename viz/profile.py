@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
+
 from flashtemp.viz import theme
 from flashtemp.viz.clock import ends
-from matplotlib.figure import Figure
 
 EARLIER = 4  # faint curves at most
 

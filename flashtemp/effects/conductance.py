@@ -40,8 +40,9 @@ class Conductance(Effect):
         """Turn number, {a0, a1} or table into a law alpha(v)."""
         alpha, key = values["alpha"], "contact.alpha"
         if isinstance(alpha, dict):
-            a0, a1 = (float(alpha.get(k, 0.0)) for k in ("a0", "a1"))
-            if set(alpha) - {"a0", "a1"} or a0 < 0 or a1 < 0 or a0 + a1 <= 0:
+            a0, a1 = (alpha.get(k, 0.0) for k in ("a0", "a1"))
+            numbers = all(type(a) in (int, float) and 0 <= a < float("inf") for a in (a0, a1))
+            if set(alpha) - {"a0", "a1"} or not numbers or a0 + a1 <= 0:
                 raise BadInput(
                     f"{key}: {alpha!r}; give {{ a0 = W/m2K, a1 = W/m2K per sqrt(m/s) }}, both >= 0, not both 0"
                 )
@@ -57,5 +58,5 @@ class Conductance(Effect):
 
     def heat(self, scene, p):
         """1/alpha in m2 K/W and the side on which the heat appears."""
-        yield Term("contact.resistance", lambda T, now, p: 1.0 / p.alpha(now.speed if now.touching else 0.0))
+        yield Term("contact.resistance", lambda T, now, p: 1.0 / max(p.alpha(now.speed), 1e-6))
         yield Term("contact.heat_split", lambda T, now, p: p.heat_split)

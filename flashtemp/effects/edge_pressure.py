@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> [law] = EdgePressure().heat(N(length=0.025), None)
->>> round(law.law(None, N(x=0.0), N(B=4.0, length=2.5e-3)), 6)
+>>> round(float(law.law(None, N(x=0.0), N(B=4.0, length=2.5e-3))), 6)
 3.600018
 """
 

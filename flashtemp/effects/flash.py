@@ -1,6 +1,6 @@
 """Flash temperature: rubber passing through a spot is heated above its time average.
 
->>> round(overlap(0.0), 9), round(overlap_integral(1.0), 6)
+>>> round(float(overlap(0.0)), 9), round(overlap_integral(1.0), 6)
 (1.0, 1.220416)
 """
 

@@ -34,17 +34,22 @@ class Friction(Effect):
         if values["table"] is not None:
             values["table"] = grid(values["table"], folder, "friction.table")
             if values["table"]._grid.min() < 0:
-                raise BadInput("friction.table: holds a negative friction coefficient; give mu >= 0")
+                raise BadInput(f"friction.table: holds mu = {values['table']._grid.min():g}; give mu >= 0")
         if values["spectrum"] is not None:
             spectrum = rows(values["spectrum"], folder, "friction.spectrum", 2)
-            if spectrum[:, 0].min() < 0 or spectrum[:, 0].sum() > 1 + 1e-12:
+            if spectrum[:, 0].min() < 0:
+                raise BadInput(f"friction.spectrum: share {spectrum[:, 0].min():g}; give shares >= 0")
+            if spectrum[:, 0].sum() > 1 + 1e-12:
                 raise BadInput(
                     f"friction.spectrum: shares sum to {spectrum[:, 0].sum():g}; give shares >= 0 with sum <= 1"
                 )
-            if spectrum[:, 1].min() < cls.depth.low:
+            for depth in spectrum[:, 1]:
+                if fault := cls.depth.fault(float(depth)):
+                    raise BadInput(f"friction.spectrum: depth {depth:g}; {fault}")
+            if values["volumetric_share"]:
+                share = values["volumetric_share"]
                 raise BadInput(
-                    f"friction.spectrum: depth {spectrum[:, 1].min():g} m is too small; "
-                    f"give depths >= {cls.depth.low:g} m"
+                    f"friction.volumetric_share: {share:g} beside a spectrum; put all shares into the spectrum"
                 )
             values["spectrum"] = spectrum.tolist()
         return values

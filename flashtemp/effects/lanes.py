@@ -1,7 +1,7 @@
 """Heat spreads sideways out of the lane that a spot draws on the road.
 
->>> round(float(retained(0.25, 3e-3, 1 / (2300 * 950.0))), 9)
-0.748847666
+>>> round(float(retained(0.25, 3e-3, 1 / (2300 * 950.0))), 6)
+0.748848
 """
 
 from __future__ import annotations

@@ -30,7 +30,9 @@ class PressureProfile(Effect):
             raise BadInput("pressure_profile.profile: missing; give rows of [x in m, relative pressure] or a CSV file")
         x, y = pairs(values["profile"], folder, "pressure_profile.profile", low=0.0)
         if len(x) < 2 or max(y) <= 0:
-            raise BadInput("pressure_profile.profile: give at least two rows, not all of them zero")
+            raise BadInput(
+                f"pressure_profile.profile: {len(x)} row(s), largest {max(y):g}; give at least two rows, not all zero"
+            )
         values["profile"] = Curve(x, y)
         return values
 

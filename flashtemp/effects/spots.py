@@ -2,7 +2,8 @@
 
 >>> from types import SimpleNamespace as N
 >>> [law] = Spots().heat(None, None)
->>> law.law(None, N(local_pressure=3e5), N(spot_fraction=0.2, spot_exponent=1.0, reference_pressure=1.5e5))
+>>> p = N(spot_fraction=0.2, spot_exponent=1.0, reference_pressure=1.5e5)
+>>> float(law.law(None, N(local_pressure=3e5), p))
 0.4
 """
 

@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> [law] = StickSlip().heat(None, None)
->>> round(law.law(None, N(slid=0.25), N(amplitude=0.2, wavelength=1.0)), 6)
+>>> round(float(law.law(None, N(slid=0.25), N(amplitude=0.2, wavelength=1.0))), 6)
 1.2
 """
 

@@ -34,11 +34,11 @@ def peer(case, rtol: float):
     scene = build(case)
     b, mesh = Balance(scene), scene.mesh
     n, m = b.n, mesh.n_road
-    I, J, W = [], [], []
+    rows_, cols, W = [], [], []
 
     def link(i, j, g):
         for a, c, w in ((i, i, -g), (j, j, -g), (i, j, g), (j, i, g)):
-            I.append(a), J.append(c), W.append(w)
+            rows_.append(a), cols.append(c), W.append(w)
 
     c = np.arange(n)
     up = c[b.gz > 0]
@@ -51,25 +51,25 @@ def peer(case, rtol: float):
         k = b.sites.index(s)
         at = slice(b.site_offset[k], b.site_offset[k + 1])
         cells = b.site_cell[at]
-        I.append(cells), J.append(cells), W.append(-b.site_area[at] / (b.site_half[at] + 1 / h))
+        rows_.append(cells), cols.append(cells), W.append(-b.site_area[at] / (b.site_half[at] + 1 / h))
     r, s = b.cell_block, b.cell_road
     dx, alpha = mesh.dx_block, 2e5
     Rr, Rs, Ra = b.half_block, b.half_road, 1 / alpha
     Rt = Rr + Rs + Ra
     link(r, s, dx / Rt)
     first = mesh.road[0]
-    I.append(first), J.append(first), W.append(-b.g_in)
-    A0 = sp.coo_matrix((np.concatenate(W), (np.concatenate(I), np.concatenate(J))), shape=(n, n)).tocsr()
-    I, J, W = [], [], []
+    rows_.append(first), cols.append(first), W.append(-b.g_in)
+    A0 = sp.coo_matrix((np.concatenate(W), (np.concatenate(rows_), np.concatenate(cols))), shape=(n, n)).tocsr()
+    rows_, cols, W = [], [], []
     F = scene.road.volumetric_capacity * b.dz_road
     for i in range(mesh.n_lines):  # the same second-order upwind stencil
         here = mesh.start[i] + np.arange(m)
         targets = [(here, -1.0)] + ([(mesh.start[i + 1] + np.arange(m), 1.0)] if i + 1 < mesh.n_lines else [])
         for to, sign in targets:
-            I.append(to), J.append(here), W.append(sign * F * (1 + b.slope[i]))
+            rows_.append(to), cols.append(here), W.append(sign * F * (1 + b.slope[i]))
             if i:
-                I.append(to), J.append(mesh.start[i - 1] + np.arange(m)), W.append(-sign * F * b.slope[i])
-    A1 = sp.coo_matrix((np.concatenate(W), (np.concatenate(I), np.concatenate(J))), shape=(n, n)).tocsr()
+                rows_.append(to), cols.append(mesh.start[i - 1] + np.arange(m)), W.append(-sign * F * b.slope[i])
+    A1 = sp.coo_matrix((np.concatenate(W), (np.concatenate(rows_), np.concatenate(cols))), shape=(n, n)).tocsr()
     C = sp.diags(1 / b.capacity)
     A0, A1 = (C @ A0).tocsc(), (C @ A1).tocsc()
     t_speed, v_speed = np.array(SPEED).T

@@ -42,7 +42,7 @@ def nearest(name: str, known) -> str:
     "; did you mean 'friction'?"
     """
     known = list(known)
-    match = get_close_matches(name, known, n=1, cutoff=0.5)
+    match = [k for k in known if k.lower() == name.lower()] or get_close_matches(name, known, n=1, cutoff=0.5)
     if match:
         return f"; did you mean '{match[0]}'?"
     return f"; known are {', '.join(known)}" if known else "; nothing can stand here"

@@ -132,8 +132,8 @@ def pairs(
         )
     outside = (table[:, 1] < low) | (table[:, 1] > high)
     if np.any(outside):
-        bad = table[np.argmax(outside), 1]
-        raise BadInput(f"{key}: value {bad:g} in the table; give values from {low:g} to {high:g}")
+        bad, upper = table[np.argmax(outside), 1], f" and <= {high:g}" if high < math.inf else ""
+        raise BadInput(f"{key}: value {bad:g} in the table; give values >= {low:g}{upper}")
     return tuple(table[:, 0].tolist()), tuple(table[:, 1].tolist())
 
 
@@ -141,7 +141,11 @@ def grid(source, folder: Path, key: str) -> Surface:
     """A Surface from rows (u, v, z) that fill a complete grid."""
     table = rows(source, folder, key, 3)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
-    if len(u) * len(v) != len(table) or len(np.unique(table[:, :2], axis=0)) != len(table):
+    places, count = np.unique(table[:, :2], axis=0, return_counts=True)
+    if np.any(count > 1):
+        twice = ", ".join(f"{value:g}" for value in places[np.argmax(count > 1)])
+        raise BadInput(f"{key}: the pair {twice} stands there twice; give one row for every pair")
+    if len(u) * len(v) != len(table):
         raise BadInput(f"{key}: {len(table)} rows do not fill {len(u)} x {len(v)} nodes; give one row for every pair")
     order = np.lexsort((table[:, 1], table[:, 0]))
     z = table[order, 2].reshape(len(u), len(v))

@@ -66,7 +66,7 @@ def test_rows_in_the_case_and_in_a_file_are_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ([], "empty"),
+        ([], "no rows"),
         ([[0, 1], [1]], "row 2"),
         ([[0, 1], [1, "x"]], "'x'"),
         ([[0, 1], [1, float("nan")]], "nan"),

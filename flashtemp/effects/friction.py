@@ -45,11 +45,11 @@ class Friction(Effect):
                 )
             for depth in spectrum[:, 1]:
                 if fault := cls.depth.fault(float(depth)):
-                    raise BadInput(f"friction.spectrum: depth {depth:g}; {fault}")
+                    raise BadInput(f"friction.spectrum: depth {depth:g} m; {fault}")
             if values["volumetric_share"]:
                 share = values["volumetric_share"]
                 raise BadInput(
-                    f"friction.volumetric_share: {share:g} beside a spectrum; put all shares into the spectrum"
+                    f"friction.volumetric_share: {share:g} beside a spectrum; give all shares in the spectrum"
                 )
             values["spectrum"] = spectrum.tolist()
         return values

@@ -129,12 +129,11 @@ def test_map_keeps_the_mean_over_time_and_the_true_times(runs):
     assert mesh.norm.vmax == run.T_block.max()
 
 
-def test_map_lines_equal_the_records_and_break_where_a_wait_ends(runs):
+def test_map_lines_equal_the_records_and_waits_end_where_sliding_starts(runs):
     run = runs["run_in"]
     ax = film.draw(run).axes[0]
     drawn = line(ax, theme.PLACES["trailing edge"]).get_ydata()
-    assert np.isnan(drawn).sum() == 8
-    np.testing.assert_array_equal(drawn[np.isfinite(drawn)], run.T_block[:, -1])
+    np.testing.assert_array_equal(drawn, run.T_block[:, -1])
     bands = clock.clock(run).waits
     assert len(bands) == 8
     assert bands[0] == (35.0, 45.0)
@@ -189,7 +188,7 @@ def test_friction_shows_every_repetition_and_its_mean(runs):
     assert len(within.lines) == 9
     second = run.sliding & (run.repetition == 2)
     np.testing.assert_array_equal(within.lines[1].get_ydata(), run.friction[second])
-    assert within.lines[1].get_xdata()[0] == 0.0
+    assert 0.0 < within.lines[1].get_xdata()[0] < 0.1
     assert within.lines[1].get_xdata()[-1] == pytest.approx(3.5)
     np.testing.assert_array_equal(mean.lines[0].get_ydata(), run.friction_per_repetition)
     assert len(friction.draw(runs["one"]).axes) == 1

@@ -85,30 +85,15 @@ class Clock:
 def clock(run) -> Clock:
     """The clock of a run."""
     numbers = np.unique(run.repetition[run.sliding])
-    times = [run.time[run.sliding & (run.repetition == r)] for r in numbers]
-    start, end = np.array([[t[0], t[-1]] for t in times]).T
-    return Clock(numbers, start, end, float(run.time[-1]))
+    first = np.array([np.flatnonzero(run.sliding & (run.repetition == r))[0] for r in numbers])
+    # a repetition starts where the record before it stands: the end of the wait
+    return Clock(numbers, run.time[np.maximum(first - 1, 0)], run.time[ends(run)], float(run.time[-1]))
 
 
 def ends(run) -> np.ndarray:
     """Index into run.time of the end of sliding of every repetition."""
     at = np.flatnonzero(run.sliding)
     return at[np.flatnonzero(np.diff(run.repetition[at], append=-1))]
-
-
-def restarts(run) -> np.ndarray:
-    """Indices of first records of sliding after a wait: nothing is drawn between them and the record before."""
-    return np.flatnonzero(run.sliding[1:] & ~run.sliding[:-1]) + 1
-
-
-def with_breaks(run, values: np.ndarray, fill=None) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and records (n, ...) with one more record where a wait ends.
-
-    No record stands there: the last one of the wait is repeated, or `fill` is put there.
-    """
-    new = restarts(run)
-    extra = values[new - 1] if fill is None else fill
-    return np.insert(run.time, new, run.time[new]), np.insert(values, new, extra, axis=0)
 
 
 def means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.clock import Clock, clock, means, with_breaks
+from flashtemp.viz.clock import Clock, clock, means
 
 FEW = 16  # repetitions; more are drawn with thinner lines
 COLUMNS, ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi
@@ -33,10 +33,10 @@ def draw(run) -> Figure:
 
 
 def _film(fig, ax, run, when: Clock) -> None:
-    """The map: mean over each of its columns, linear between true times and places; starts anew after a wait."""
+    """The map: mean over each of its columns, linear between true times and places;"""
     time = when.columns(COLUMNS)
     x = np.linspace(0.0, run.mesh.x[run.mesh.last], ROWS + 1)
-    at, records = with_breaks(run, run.T_block)
+    at, records = run.time, run.T_block
     values = means(records, at, time)
     values = theme.between(values.T, run.x, 0.5 * (x[1:] + x[:-1]))
     film = ax.pcolormesh(
@@ -51,11 +51,11 @@ def _film(fig, ax, run, when: Clock) -> None:
 
 
 def _lines(ax, run, when: Clock) -> None:
-    """Block surface at leading edge, middle and trailing edge; lines break where a wait ends."""
+    """Block surface at leading edge, middle and trailing edge;"""
     when.shade(ax)
     many = len(when.start) > FEW
     columns = (0, int(np.argmin(abs(run.x - 0.5 * (run.x[0] + run.x[-1])))), len(run.x) - 1)
-    time, records = with_breaks(run, run.T_block, np.nan)
+    time, records = run.time, run.T_block
     for (name, colour), i in zip(theme.PLACES.items(), columns, strict=True):
         ax.plot(when.of(time), records[:, i], color=colour, lw=0.5 if many else 1.1, label=name)
     ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label="ambient")

@@ -41,8 +41,9 @@ def _colours(count: int) -> np.ndarray:
 def slid_within(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:
     """Slid distance since the start of a repetition (m) and friction coefficient (1) of its records."""
     on = run.sliding & (run.repetition == repetition) & np.isfinite(run.friction)
-    s = run.slid[on]
-    return (s - s[0] if len(s) else s), run.friction[on]
+    before = np.flatnonzero(on)[:1] - 1
+    start = run.slid[np.maximum(before, 0)]  # the record before stands at the end of the last repetition
+    return run.slid[on] - start, run.friction[on]
 
 
 def _within(fig, ax, run, numbers, colours) -> None:

@@ -33,7 +33,7 @@ def draw(run) -> Figure:
 
 
 def _film(fig, ax, run, when: Clock) -> None:
-    """The map: mean over each of its columns, linear between true times and places;"""
+    """The map: mean over each of its columns, linear between true times and places."""
     time = when.columns(COLUMNS)
     x = np.linspace(0.0, run.mesh.x[run.mesh.last], ROWS + 1)
     at, records = run.time, run.T_block
@@ -51,7 +51,7 @@ def _film(fig, ax, run, when: Clock) -> None:
 
 
 def _lines(ax, run, when: Clock) -> None:
-    """Block surface at leading edge, middle and trailing edge;"""
+    """Block surface at leading edge, middle and trailing edge."""
     when.shade(ax)
     many = len(when.start) > FEW
     columns = (0, int(np.argmin(abs(run.x - 0.5 * (run.x[0] + run.x[-1])))), len(run.x) - 1)

@@ -1,0 +1,241 @@
+"""From case to result folder: contract of the files, interruption, resumption, the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import flashtemp
+from flashtemp import job
+from flashtemp.__main__ import main
+from flashtemp.case import load
+from flashtemp.cvode import available
+
+SMALL = {
+    "effects": ["track_memory", "friction_softening"],
+    "schedule.repetitions": 2,
+    "schedule.wait": 5.0,
+    "schedule.distance": 0.5,
+    "road.track_length": 0.3,
+    "numerics.mesh": 0.4,
+    "output.profiles": 10,
+    "output.pictures": False,
+}
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """A case folder with a speed file beside it."""
+    path = tmp_path_factory.mktemp("case")
+    (path / "speed.csv").write_text("time_s,speed_m_s\n0,0.1\n2,0.2\n")
+    (path / "case.toml").write_text('title = "small"\n[schedule]\nspeed = "speed.csv"\n')
+    return path
+
+
+@pytest.fixture(scope="session")
+def result(folder, tmp_path_factory):
+    """A whole result folder and its Run."""
+    out = tmp_path_factory.mktemp("out") / "small"
+    run = job.simulate(load(folder, SMALL), out, pvd=True)
+    return out, run
+
+
+def test_files_of_the_contract(result):
+    out, run = result
+    names = {p.name for p in out.iterdir()}
+    assert names == {"case.toml", "run.nc", "summary.json", "profiles.csv", "fields.vtkhdf", "pvd", "speed.csv"}
+    with xr.open_dataset(out / "run.nc") as ds:
+        for name in ("T_block", "T_spot", "T_road", "pressure"):
+            assert ds[name].dims == ("time", "x")
+            assert ds[name].attrs["units"] == ("Pa" if name == "pressure" else "degC")
+        for name in ("repetition", "slid", "friction"):
+            assert ds[name].dims == ("time",)
+        assert ds.time.attrs["units"] == "s"
+        assert float(ds.time[0]) == 0.0
+        assert np.all(np.diff(ds.time) > 0)
+        np.testing.assert_array_equal(ds.T_block[0], 20.0)
+        assert float(ds.slid[-1]) == pytest.approx(1.0)
+        np.testing.assert_allclose(ds.T_block, run.T_block)
+    summary = json.loads((out / "summary.json").read_text())
+    for key in (
+        "T_max_degC", "rise_leading_K", "rise_middle_K", "rise_trailing_K", "friction_per_repetition",
+        "energy_imbalance", "cells", "steps", "rhs_evaluations", "wall_s", "versions",
+    ):  # fmt: skip
+        assert key in summary
+    assert len(summary["friction_per_repetition"]) == 2
+    assert summary["energy_imbalance"] < 1e-10
+    assert summary["rise_leading_K"] < summary["rise_middle_K"] < summary["rise_trailing_K"]
+    table = np.genfromtxt(out / "profiles.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["T_block_degC"], run.T_block[run.last], rtol=1e-7)
+
+
+def test_result_can_be_run_again_from_what_it_holds(result, tmp_path):
+    out, run = result
+    again = job.simulate(load(out), tmp_path / "again")
+    np.testing.assert_array_equal(again.T_block, run.T_block)
+
+
+def test_vtk_offers_the_whole_series_in_metres(result):
+    import vtk
+
+    out, run = result
+    fields = flashtemp.open_fields(out)
+    np.testing.assert_array_equal(fields.times, run.time[run.frames])
+    late = fields.times[-1]
+    blocks = fields.at(late)
+    assert blocks.keys() == ["block", "road"]
+    assert blocks["block"].bounds[:2] == pytest.approx((0.0, 0.025))
+    assert blocks["block"].bounds[4:] == pytest.approx((0.0, 0.007))
+    assert blocks["road"].bounds[5] == 0.0
+    expected = run.field[-1][run.mesh.block].ravel()
+    np.testing.assert_allclose(blocks["block"]["T_degC"], expected, rtol=1e-6)
+    np.testing.assert_allclose(fields.T("block", late), expected, rtol=1e-6)
+    centre = blocks["road"].cell_centers().points
+    np.testing.assert_allclose(centre[:, 2], run.mesh.z_centre[run.mesh.road].ravel(), atol=1e-7)
+    # the way ParaView asks: by time, through the pipeline
+    reader = vtk.vtkHDFReader()
+    reader.SetFileName(str(out / "fields.vtkhdf"))
+    reader.UpdateInformation()
+    steps = reader.GetOutputInformation(0).Length(vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    assert steps == len(fields.times)
+    reader.UpdateTimeStep(late)
+    hottest = reader.GetOutputDataObject(0).GetBlock(0).GetCellData().GetArray("T_degC").GetRange()[1]
+    assert hottest == pytest.approx(expected.max(), rel=1e-6)
+    series = (out / "pvd" / "fields.pvd").read_text()
+    assert series.count("<DataSet") == 2 * len(fields.times)
+
+
+def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "precious.txt").write_text("mine")
+    with pytest.raises(flashtemp.BadInput, match="exists"):
+        job.simulate(load(folder, SMALL), out)
+    assert (out / "precious.txt").read_text() == "mine"
+    job.simulate(load(folder, SMALL), out, overwrite=True)
+    assert (out / "run.nc").exists()
+    assert not (out / "precious.txt").exists()
+
+
+def test_a_failure_leaves_nothing(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(job.export, "write", lambda *a: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        job.simulate(load(folder, SMALL), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("share", [0.1, 0.45, 0.8])
+def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
+    _, whole = result
+    out = tmp_path / "out"
+    seen = 0
+
+    def stop(progress, end):
+        nonlocal seen
+        seen += 1
+        if progress.t > share * end and seen > 0:
+            seen = -(10**9)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(flashtemp.errors.Interrupted):
+        job.simulate(load(folder, SMALL), out, watch=stop)
+    assert not out.exists()
+    assert (tmp_path / "out.partial" / job.CHECKPOINT).exists()
+    with pytest.raises(flashtemp.BadInput, match="--resume"):
+        job.simulate(load(folder, SMALL), out)
+    run = job.resume(out)
+    assert out.exists()
+    assert not (tmp_path / "out.partial").exists()
+    np.testing.assert_array_equal(run.time, whole.time)
+    rise = np.abs(whole.T_block - 20.0).max()
+    np.testing.assert_allclose(run.T_block, whole.T_block, atol=1e-3 * rise)
+    np.testing.assert_allclose(run.friction_per_repetition, whole.friction_per_repetition, rtol=1e-5)
+    assert run.energy_imbalance < 1e-10
+    with pytest.raises(flashtemp.BadInput, match="already whole"):
+        job.resume(out)
+
+
+def test_ctrl_c_at_the_command_line(folder, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "flashtemp", "run", str(folder), "output.pictures=false", "schedule.repetitions=2000"]
+    process = subprocess.Popen([*command, "--out", str(out)], stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    partial = Path(f"{out}.partial")
+    for _ in range(600):
+        if (partial / "case.toml").exists():
+            break
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, messages = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"--resume {out}" in messages
+    assert "Traceback" not in messages
+    assert (partial / job.CHECKPOINT).exists()
+    assert not out.exists()
+
+
+@pytest.mark.skipif(len(available()) < 2, reason="one CVODE binding on this machine")
+def test_both_bindings_give_the_same_answer(folder):
+    first, second = (
+        job.simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-5})) for b in available()
+    )
+    rise = np.abs(first.T_block - 20.0).max()
+    np.testing.assert_allclose(first.T_block, second.T_block, atol=2e-5 * rise)
+    np.testing.assert_allclose(first.friction_per_repetition, second.friction_per_repetition, rtol=1e-6)
+
+
+def test_json_is_all_that_stands_on_stdout(folder, tmp_path, capsys):
+    args = [f"{k}={json.dumps(v)}" for k, v in SMALL.items()]
+    assert main(["run", str(folder), *args, "--out", str(tmp_path / "out"), "--json"]) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["cells"] > 100
+    assert main(["check", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ok"] is True
+    assert main(["effects", "--json"]) == 0
+    entries = json.loads(capsys.readouterr().out)
+    assert {"friction", "track_memory"} <= {e["name"] for e in entries}
+    assert main(["effects", "holder_sink"]) == 0
+    assert "W/m2K" in capsys.readouterr().out
+    assert main(["effects", "holder_snik"]) == 2
+    assert "did you mean 'holder_sink'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["import", "compare", "discover", "plan", "twin", "sweep", "view"])
+def test_later_commands_answer_help_and_say_so(command, capsys):
+    assert main([command, "--help"]) == 0
+    assert command in capsys.readouterr().out
+    assert main([command, "something", "--out", "x", "--json"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert len(shown.err.strip().splitlines()) == 1
+
+
+def test_converge_reports_second_order(folder, capsys):
+    args = ["schedule.speed=0.1", "schedule.distance=0.2", "numerics.rtol=1e-5"]
+    assert main(["converge", str(folder), *args, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["cells"][1] == pytest.approx(4 * report["cells"][0], rel=0.05)
+    middle = report["quantities"].index("rise at the middle")
+    assert 1.6 < report["order"][middle] < 2.4
+    assert report["space"][middle] < 0.01 * report["values"][1][middle]
+
+
+def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "EVERY", 0.0)
+    kept = []
+
+    def look(progress, end):
+        kept.append((tmp_path / "out.partial" / job.CHECKPOINT).exists())
+
+    job.simulate(load(folder, SMALL), tmp_path / "out", watch=look)
+    assert any(kept)
+    assert not (tmp_path / "out" / job.CHECKPOINT).exists()

@@ -7,7 +7,8 @@ Every run also has to conserve energy to rounding.
 from __future__ import annotations
 
 import json
-from math import inf, log2, sqrt
+from itertools import pairwise
+from math import inf, log2
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -67,7 +68,9 @@ APART, MU = number("contact.resistance", 1e30), number("friction.mu", 1.0)
 
 def scene(mesh, *parts, rubber=RUBBER, road=ROAD, speed=0.1, pressure=1e5, time=1.0, wait=0.0, lifted=True, phi=1.0):
     """Only what `parts` state acts: effects as (Effect, {parameter: value}), everything else as contributions."""
-    effects = [(e, {k: v.value for k, v in e.params().items()} | own) for e, own in (p for p in parts if type(p) is tuple)]
+    effects = [
+        (e, {k: v.value for k, v in e.params().items()} | own) for e, own in (p for p in parts if type(p) is tuple)
+    ]
     own = Given(number("contact.spot_fraction", phi), *(p for p in parts if type(p) is not tuple))
     acting = [Acting(type(e).__name__, e, SimpleNamespace(**values)) for e, values in [(own, {}), *effects]]
     plan = Schedule(constant(speed), constant(pressure), speed * time, 2 if wait else 1, wait, lifted)
@@ -104,11 +107,11 @@ def column(cells, height, first, refine=1):
 
 def orders(errors):
     """Observed orders of accuracy between meshes that double."""
-    return [log2(a / b) for a, b in zip(errors, errors[1:])]
+    return [log2(a / b) for a, b in pairwise(errors)]
 
 
 def second_order(label, errors, bound):
-    print(label, ["%.3g" % e for e in errors], "order", ["%.3f" % p for p in orders(errors)])
+    print(f"{label}: observed order", ", ".join(f"{p:.3f}" for p in orders(errors)))
     assert orders(errors) == pytest.approx([2.0] * (len(errors) - 1), abs=0.1)
     hold(label, errors[-1], bound)
 
@@ -171,7 +174,8 @@ def test_V14_slab_cools_to_the_holder_and_order():
     errors = []
     for refine in (1, 2, 4):
         mesh = column(16, 7e-3, 4e-4, refine)
-        _, rise = slide(scene(mesh, APART, (HolderSink(), {"coefficient": 20.0}), time=400.0), warm=1.0)
+        world = scene(mesh, APART, (HolderSink(), {"coefficient": 20.0}), time=400.0)
+        _, rise = slide(world, warm=1.0, rtol=1e-9)
         z = mesh.z_centre[mesh.block[0]]
         errors.append(np.abs(rise[mesh.block[0]] - exact.slab_cooling(RUBBER, 7e-3, 20.0, 400.0, 7e-3 - z)).max())
     second_order("V14 slab, of 1", errors, 1.0)
@@ -226,7 +230,9 @@ def test_V7_sources_at_and_above_the_interface(m, joined, resisted):
 def roll(*parts, refine=2, mean=7.5e4, time=0.4, cells=(40, 4, 30), first=(2e-5, 4e-4, 2e-8), depth=2.2e-5, **more):
     """Road at 0.1 m/s below a source of `mean` W/m2 from which the block takes nothing: line places and rises."""
     mesh = block_on_road.build(L, 7e-3, depth, cells, first[0], first[1], 1e-4, first[2], refine=refine)
-    run, _ = slide(scene(mesh, MU, *parts, **{"rubber": NO_BLOCK, "road": THIN_ROAD} | more, pressure=mean / 0.1, time=time))
+    run, _ = slide(
+        scene(mesh, MU, *parts, **{"rubber": NO_BLOCK, "road": THIN_ROAD} | more, pressure=mean / 0.1, time=time)
+    )
     return run.x, run.T_road[-1], mesh
 
 
@@ -263,7 +269,8 @@ def test_V8_wake_behind_the_block():
     place, T = mesh.x_centre, rise[mesh.road[:, -1]]
     hold("V8 wake 0.1 m behind, K of 6.757681", abs(PchipInterpolator(place, T)(L + 0.1) - 6.757681), 1.0)
     far = place > L + 2e-3
-    hold("V8 wake from 2 mm behind, K", np.abs(T - exact.road_wake(ROAD, 0.1, 7.5e4, L, place))[far].max(), 1.0)
+    closed = exact.road_wake(ROAD, 0.1, 7.5e4, L, place[far])
+    hold("V8 wake from 2 mm behind, K", np.abs(T[far] - closed).max(), 1.0)
 
 
 def test_V8_isothermal_wall():
@@ -280,7 +287,11 @@ def test_V8_isothermal_wall():
 
 @pytest.mark.parametrize(
     ("peclet", "around", "time", "lines", "bounds"),
-    [(10.0, 3, 3.0, 12, (1.0, 1.0, 1.0)), (1.0, 12, 20.0, 12, (1.0, 1.0, 1.0)), (0.1, 100, 2000.0, 16, (1.0, 1.0, 1.0))],
+    [
+        (10.0, 3, 3.0, 12, (1.0, 1.0, 1.0)),
+        (1.0, 12, 20.0, 12, (1.0, 1.0, 1.0)),
+        (0.1, 100, 2000.0, 16, (1.0, 1.0, 1.0)),
+    ],
 )
 def test_V9_jaeger_strip(peclet, around, time, lines, bounds):
     b, n, first = L / 2, 48, 1e-4
@@ -298,13 +309,17 @@ def test_V9_jaeger_strip(peclet, around, time, lines, bounds):
     hold(f"V9 Pe = {peclet:g}, middle", abs(top(b) - exact.jaeger(peclet, 0.0)), bounds[0])
     hold(f"V9 Pe = {peclet:g}, peak", abs(top(peak) - exact.jaeger(peclet, exact.jaeger_peak(peclet))), bounds[1])
     hold(f"V9 Pe = {peclet:g}, place of the peak X", abs(1 - peak / b - exact.jaeger_peak(peclet)), bounds[2])
-    hold(f"V9 Pe = {peclet:g}, profile relative to the peak", np.abs(theta - exact.jaeger(peclet, X)).max() / theta.max(), 1.0)
+    hold(
+        f"V9 Pe = {peclet:g}, profile relative to the peak",
+        np.abs(theta - exact.jaeger(peclet, X)).max() / theta.max(),
+        1.0,
+    )
 
 
 def test_V19_conveyor_converges_on_a_uniform_mesh():
     errors = []
-    for lines in (25, 50, 100):
-        x, T, mesh = roll(refine=1, cells=(lines, 4, 50), first=(1.0, 1.0, 5e-9))
+    for refine in (1, 2, 4):
+        x, T, mesh = roll(refine=refine, cells=(25, 4, 24), first=(1.0, 1.0, 4e-8))
         error = np.abs(T - exact.road_rise(ROAD, 0.1, 7.5e4, x))
         errors.append((error * mesh.dx_block).sum() / L)
     print("V19 mean error, K", errors, orders(errors))
@@ -320,7 +335,7 @@ def test_V19_order_along_x_for_a_smooth_flux():
     for refine in (1, 2, 4):
         smooth = Factor("contact.pressure", lambda T, now, p: flux(now.x))
         x, T, _ = roll(smooth, refine=refine, cells=(16, 4, 16), first=(1e-3, 1e-3, 2e-7), depth=3e-5)
-        errors.append(max(abs(t - exact.road_rise_any(ROAD, 0.1, flux, at)) for t, at in zip(T, x)))
+        errors.append(max(abs(t - exact.road_rise_any(ROAD, 0.1, flux, at)) for t, at in zip(T, x, strict=True)))
     second_order("V19 smooth flux along x, K of 31", errors, 1.0)
 
 
@@ -367,7 +382,7 @@ def test_V15_everything_scales_with_the_root_of_speed():
         run, _ = slide(world, rtol=1e-9)
         profiles[v] = run.T_spot[-1], run.T_block[-1]
     for v, ratio in ((0.5, 2.236068), (1.0, 3.162278)):
-        for name, fast, slow in zip(("T_spot", "T_block"), profiles[v], profiles[0.1]):
+        for name, fast, slow in zip(("T_spot", "T_block"), profiles[v], profiles[0.1], strict=True):
             hold(f"V15 {name} at {v} m/s over 0.1 m/s, relative to {ratio}", np.abs(fast / slow / ratio - 1).max(), 1.0)
 
 
@@ -410,7 +425,7 @@ def test_error_in_time_follows_the_tolerance():
     true = run(1e-8)
     errors = [np.sqrt(np.square(run(rtol) - true).mean()) for rtol in (1e-3, 1e-4, 1e-5)]
     print("time errors, K", errors)
-    for rtol, error in zip((1e-3, 1e-4, 1e-5), errors):
+    for rtol, error in zip((1e-3, 1e-4, 1e-5), errors, strict=True):
         hold(f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 1.0)
     assert errors[0] / errors[1] > 5
     assert errors[1] / errors[2] > 5
@@ -432,7 +447,7 @@ SLIDE = {
     ("cells", "first", "most", "percent"),
     [
         ([60, 30, 60], (4e-5, 4e-5, 5e-6, 5e-6), 12000, 0.1),
-        ([28, 11, 48], (2.7e-4, 6.1e-4, 1.1e-5, 2.1e-5), 2500, 0.1),
+        ([28, 11, 48], (2.7e-4, 6.11e-4, 1.07e-5, 2.15e-5), 2500, 0.1),
         ([24, 16, 26], (1e-4, 1e-4, 1e-5, 1e-5), 1500, 1.0),
         ([10, 6, 16], (4.2e-4, 2e-3, 3e-5, 3e-5), 320, 1.0),
     ],
@@ -440,7 +455,10 @@ SLIDE = {
 def test_slide2d_agrees_with_the_reference(cells, first, most, percent):
     reference = json.loads((Path(__file__).parent / "data" / "slide2d_reference.json").read_text(encoding="utf-8"))
     names = ("first_x", "last_x", "first_block", "first_road")
-    mesh = {f"numerics.{k}": v for k, v in zip(names, first)} | {"numerics.cells": cells, "numerics.rtol": 1e-3}
+    mesh = {f"numerics.{k}": v for k, v in zip(names, first, strict=True)} | {
+        "numerics.cells": cells,
+        "numerics.rtol": 1e-3,
+    }
     run = case(**SLIDE, **mesh)
     assert run.mesh.n_cells <= most
     rise = run.T_block - 20.0

@@ -1,0 +1,69 @@
+"""Draw the figures of docs/ and README from the ready cases: .venv/bin/python docs/figures.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.case import build, load, settings
+from flashtemp.march import march
+from flashtemp.viz import field, film, profile, theme
+
+ROOT = Path(__file__).parent.parent
+OUT = ROOT / "docs" / "pictures"
+
+
+def simulate(name: str, **change):
+    """March a ready case with overrides given as table__key."""
+    case = load(ROOT / "cases" / name, {k.replace("__", "."): v for k, v in change.items()})
+    return march(build(case), settings(case), case.title)
+
+
+@theme.styled
+def against_speed(run_of):
+    """Rise at x = L/2 against speed for both pressures and both ambient temperatures (claim C13)."""
+    fig = theme.figure(run_of[(0.1, 1.5e5, 20.0)], 4.6, 3.6)
+    ax = fig.add_subplot()
+    speeds = sorted({v for v, _, _ in run_of})
+    for p, colour in ((0.5e5, "#0072B2"), (1.5e5, "#D55E00")):
+        for T0, style in ((20.0, "-"), (40.0, "--")):
+            runs = [run_of[(v, p, T0)] for v in speeds]
+            T = [r.at_x(r.T_block[r.last], 0.0125) for r in runs]
+            ax.plot(speeds, T, style, marker="o", color=colour, label=f"{p * 1e-6:.2f} MPa, from {T0:.0f} °C")
+    ax.set(xlabel="sliding speed (m/s)", ylabel="block surface at x = L/2 (°C)", xlim=(0, None))
+    ax.legend()
+    return fig
+
+
+@theme.styled
+def against_alpha(run_of):
+    """T(x) in the spots and in the lanes for falling heat-transfer coefficients (claim C19)."""
+    fig = theme.figure(run_of["inf"], 4.6, 3.6)
+    ax = fig.add_subplot()
+    for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
+        ax.plot(1e3 * run.x, run.T_spot[run.last], color=colour, label=f"alpha = {name} W/m²K" if name != "inf" else "alpha = inf")
+        ax.plot(1e3 * run.x, run.T_road[run.last], ":", color=colour)
+    ax.set(xlabel="x from the leading edge (mm)", ylabel="rubber in the spots, road dotted (°C)", xlim=(0, 25))
+    ax.legend()
+    return fig
+
+
+def main() -> None:
+    OUT.mkdir(exist_ok=True)
+    run_in = simulate("run_in")
+    for name, fig in (("run_in_map", film.draw(run_in)), ("run_in_field", field.draw(run_in))):
+        fig.savefig(OUT / f"{name}.png", dpi=110)
+    profile.draw(simulate("uniform_pressure")).savefig(OUT / "profile.png", dpi=110)
+    speeds = np.array([0.1, 0.25, 0.5, 1.0])
+    sweep = {
+        (v, p, T0): simulate("speed_sweep", schedule__speed=float(v), contact__pressure=p, ambient__temperature=T0)
+        for v in speeds for p in (0.5e5, 1.5e5) for T0 in (20.0, 40.0)
+    }  # fmt: skip
+    against_speed(sweep).savefig(OUT / "speed_sweep.png", dpi=110)
+    alphas = {str(a): simulate("alpha_sensitivity", contact__alpha=a) for a in ("inf", 1e6, 1e5, 1e4)}
+    against_alpha(alphas).savefig(OUT / "alpha_sensitivity.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

@@ -42,7 +42,12 @@ def against_alpha(run_of):
     fig = theme.figure(run_of["inf"], 4.6, 3.6)
     ax = fig.add_subplot()
     for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
-        ax.plot(1e3 * run.x, run.T_spot[run.last], color=colour, label=f"alpha = {name} W/m²K" if name != "inf" else "alpha = inf")
+        ax.plot(
+            1e3 * run.x,
+            run.T_spot[run.last],
+            color=colour,
+            label=f"alpha = {name} W/m²K" if name != "inf" else "alpha = inf",
+        )
         ax.plot(1e3 * run.x, run.T_road[run.last], ":", color=colour)
     ax.set(xlabel="x from the leading edge (mm)", ylabel="rubber in the spots, road dotted (°C)", xlim=(0, 25))
     ax.legend()
@@ -61,7 +66,8 @@ def main() -> None:
         for v in speeds for p in (0.5e5, 1.5e5) for T0 in (20.0, 40.0)
     }  # fmt: skip
     against_speed(sweep).savefig(OUT / "speed_sweep.png", dpi=110)
-    alphas = {str(a): simulate("alpha_sensitivity", contact__alpha=a) for a in ("inf", 1e6, 1e5, 1e4)}
+    values = {"inf": "inf", "1e6": 1e6, "1e5": 1e5, "1e4": 1e4}
+    alphas = {name: simulate("alpha_sensitivity", contact__alpha=a) for name, a in values.items()}
     against_alpha(alphas).savefig(OUT / "alpha_sensitivity.png", dpi=110)
 
 

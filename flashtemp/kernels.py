@@ -67,41 +67,45 @@ def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
 
 
 @njit(cache=True)
-def line_solve(o, a, size, m, gamma, gz, up, down, inv, mul, z):
+def line_solve(o, a, size, m, gamma, up, down, inv, mul, z):
     """Solve one depth line in place, z starting at o, with the factors of `factorise`."""
     nb = size - m
     f = a - o
+    s, top = o + m - 1, o + size - 1
     both = min(m, nb)
+    road = z[o]  # running values in registers: the next step need not wait for the store
+    block = z[top]
     for k in range(1, both):
-        z[o + k] -= mul[a + k] * z[o + k - 1]
-        t = o + size - 1 - k
-        z[t] -= mul[f + t] * z[t + 1]
+        road = z[o + k] - mul[a + k] * road
+        z[o + k] = road
+        block = z[top - k] - mul[f + top - k] * block
+        z[top - k] = block
     for k in range(max(both, 1), m):
-        z[o + k] -= mul[a + k] * z[o + k - 1]
+        road = z[o + k] - mul[a + k] * road
+        z[o + k] = road
     for k in range(max(both, 1), nb):
-        t = o + size - 1 - k
-        z[t] -= mul[f + t] * z[t + 1]
-    s = o + m - 1
+        block = z[top - k] - mul[f + top - k] * block
+        z[top - k] = block
     if nb == 0:
-        z[s] *= inv[f + s]
+        road = road * inv[f + s]
     else:
         under, over = inv[f + s], inv[f + s + 1]
         u, d = -gamma * up, -gamma * down
         scale = 1.0 / (1.0 - u * d * under * over)
-        road = (z[s] - u * over * z[s + 1]) * under * scale
-        z[s + 1] = (z[s + 1] - d * under * z[s]) * over * scale
-        z[s] = road
+        road, block = (road - u * over * block) * under * scale, (block - d * under * road) * over * scale
+        z[s + 1] = block
+    z[s] = road
     for k in range(1, both):
-        t = s - k
-        z[t] = (z[t] + gamma * gz[f + t] * z[t + 1]) * inv[f + t]
-        t = s + 1 + k
-        z[t] = (z[t] + gamma * gz[f + t - 1] * z[t - 1]) * inv[f + t]
+        road = z[s - k] * inv[f + s - k] - mul[f + s - k + 1] * road
+        z[s - k] = road
+        block = z[s + 1 + k] * inv[f + s + 1 + k] - mul[f + s + k] * block
+        z[s + 1 + k] = block
     for k in range(max(both, 1), m):
-        t = s - k
-        z[t] = (z[t] + gamma * gz[f + t] * z[t + 1]) * inv[f + t]
+        road = z[s - k] * inv[f + s - k] - mul[f + s - k + 1] * road
+        z[s - k] = road
     for k in range(max(both, 1), nb):
-        t = s + 1 + k
-        z[t] = (z[t] + gamma * gz[f + t - 1] * z[t - 1]) * inv[f + t]
+        block = z[s + 1 + k] * inv[f + s + 1 + k] - mul[f + s + k] * block
+        z[s + 1 + k] = block
 
 
 @njit(cache=True)
@@ -180,13 +184,13 @@ def factorise(
                         s += gamma * carry[k] * slope[i + 1] * stretch[a + k]
                 work[k] = s * share if k < m else s
             # D is symmetric but for the interface: D^T is D with `up` and `down` exchanged
-            line_solve(0, a, size, m, gamma, gz, down[i], up[i], inv, mul, work)
+            line_solve(0, a, size, m, gamma, down[i], up[i], inv, mul, work)
             for k in range(top):
                 fix[k] = -work[k] * high[a + k] / (share if k < m else 1.0)
 
 
 @njit(cache=True)
-def sweep(start, m, capacity, gz, gamma, up, down, inv, mul, low, low2, high, r, z):
+def sweep(start, m, capacity, gamma, up, down, inv, mul, low, low2, high, r, z):
     """z = P^-1 (capacity r): lines solved in the direction of sliding, then corrected back."""
     n = len(start) - 1
     longest = 0
@@ -204,7 +208,7 @@ def sweep(start, m, capacity, gz, gamma, up, down, inv, mul, low, low2, high, r,
             p = start[i - 2]
             for k in range(m):
                 z[a + k] -= low2[a + k] * z[p + k]
-        line_solve(a, a, size, m, gamma, gz, up[i], down[i], inv, mul, z)
+        line_solve(a, a, size, m, gamma, up[i], down[i], inv, mul, z)
     work = np.empty(longest)
     for i in range(n - 2, -1, -1):
         a, b = start[i], start[i + 1]
@@ -214,7 +218,7 @@ def sweep(start, m, capacity, gz, gamma, up, down, inv, mul, low, low2, high, r,
             work[k] = high[a + k] * z[b + k]
         for k in range(top, size):
             work[k] = 0.0
-        line_solve(0, a, size, m, gamma, gz, up[i], down[i], inv, mul, work)
+        line_solve(0, a, size, m, gamma, up[i], down[i], inv, mul, work)
         for k in range(size):
             z[a + k] -= work[k]
 

@@ -236,7 +236,7 @@ class Stage:
         inv, mul, low, low2, high = self.factors
         T = z[:n]
         kernels.sweep(
-            mesh.start, mesh.n_road, b.capacity, self.gz, self.gamma, self.up, self.down,
+            mesh.start, mesh.n_road, b.capacity, self.gamma, self.up, self.down,
             inv, mul, low, low2, high, r[:n], T,
         )  # fmt: skip
         z[n:] = r[n:]

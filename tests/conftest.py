@@ -1,0 +1,120 @@
+"""Scenes of a few parts for tests of the solver, handed out by the fixture `lab`."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import log2
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp import cvode
+from flashtemp.balance import Balance
+from flashtemp.case import assemble, build, settings
+from flashtemp.effect import Effect, Heat, Term
+from flashtemp.keys import Places
+from flashtemp.march import Progress, Settings, march
+from flashtemp.material import LIBRARY, Material
+from flashtemp.mesh import Mesh
+from flashtemp.meshes.grading import geometric
+from flashtemp.scene import KELVIN, Acting, Scene
+from flashtemp.schedule import Schedule, constant
+from flashtemp.stage import Stage
+
+RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
+# the effusivities of road and rubber with 1e-4 and 1e-8 of their diffusivity: V8 and V15 neglect conduction along x
+THIN_ROAD = Material(1e-2 * ROAD.conductivity, 1e2 * ROAD.density, ROAD.heat_capacity)
+FILM_ROAD = Material(1e-4 * ROAD.conductivity, 1e4 * ROAD.density, ROAD.heat_capacity)
+FILM_RUBBER = Material(1e-4 * RUBBER.conductivity, 1e4 * RUBBER.density, RUBBER.heat_capacity)
+NO_BLOCK, NO_ROAD = Material(1e-12, 1200.0, 1700.0), Material(1e-12, 2300.0, 950.0)  # take no heat
+LEAK = 1e-11  # relative energy imbalance that rounding may leave
+
+
+def hold(label: str, error: float, bound: float) -> None:
+    """An error and its bound, printed for the table of docs/verification.md."""
+    print(f"{label}: {error:.3g} <= {bound:.3g}")
+    assert error <= bound, label
+
+
+class Given(Effect):
+    """Contributions that a test states itself."""
+
+    def __init__(self, *parts):
+        self.parts = parts
+
+    def heat(self, scene, p):
+        yield Heat.film("block.holder", lambda now, p: 0.0)
+        yield from self.parts
+
+
+def number(target: str, value: float) -> Term:
+    return Term(target, lambda T, now, p: value)
+
+
+APART, MU = number("contact.resistance", 1e30), number("friction.mu", 1.0)
+
+
+def scene(mesh, *parts, rubber=RUBBER, road=ROAD, speed=0.1, pressure=1e5, time=1.0, wait=0.0, lifted=True, phi=1.0):
+    """Only what `parts` state acts: effects as (Effect, {parameter: value}), everything else as contributions."""
+    effects = [
+        (e, {k: v.value for k, v in e.params().items()} | own) for e, own in (p for p in parts if type(p) is tuple)
+    ]
+    own = Given(number("contact.spot_fraction", phi), *(p for p in parts if type(p) is not tuple))
+    acting = [Acting(type(e).__name__, e, SimpleNamespace(**values)) for e, values in [(own, {}), *effects]]
+    plan = Schedule(constant(speed), constant(pressure), speed * time, 2 if wait else 1, wait, lifted)
+    return Scene(
+        mesh=mesh, block=rubber, road=road, schedule=plan, acting=tuple(acting), ambient=KELVIN,
+        length=float(mesh.x[mesh.last]), height=float(mesh.height[-1]), width=0.05, spot_diameter=3e-3,
+    )  # fmt: skip
+
+
+def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
+    """March from a block that is `warm` (K) above ambient; the Run and the cells' final rises."""
+    balance = Balance(scene)
+    y = np.zeros(balance.size)
+    y[scene.mesh.block] = warm
+    start = scene.schedule.phases[phase].begin
+    state = Progress(t=start, phase=phase, y=y, left=-np.array(balance.stored(y)))
+    run = march(scene, Settings(cvode.choose(None), rtol, profiles=profiles), state=state)
+    assert run.energy_imbalance < LEAK
+    return run, state.y[: balance.n]
+
+
+def fluxes(scene, rise):
+    """Fluxes and temperatures of the contact at the end of the schedule."""
+    stage = Stage(Balance(scene), scene.schedule.phases[-1])
+    now = stage.moment(scene.schedule.end)
+    T_in = stage.entering(now)
+    return stage.contact_fluxes(stage.contact_state(now), now, rise, T_in, stage.b.ones)
+
+
+def column(cells, height, first, refine=1):
+    """Block without ends (1 km), so that all is one-dimensional; the road below is a dummy."""
+    return Mesh(np.array([0.0, 500.0, 1000.0]), geometric(1e-3, 1e-4, 4), geometric(height, first, cells, refine), 0, 2)
+
+
+def orders(errors):
+    """Observed orders of accuracy between meshes that double."""
+    return [log2(a / b) for a, b in pairwise(errors)]
+
+
+def second_order(label, errors, bound):
+    print(f"{label}: observed order", ", ".join(f"{p:.3f}" for p in orders(errors)))
+    assert orders(errors) == pytest.approx([2.0] * (len(errors) - 1), abs=0.1)
+    hold(label, errors[-1], bound)
+
+
+def case(**given):
+    """A case assembled from overrides alone, table__key=value, and its run."""
+    made = assemble({}, {k.replace("__", "."): v for k, v in given.items()}, Places("none"), Path(), "verification")
+    run = march(build(made), settings(made))
+    assert run.energy_imbalance < LEAK
+    return run
+
+
+@pytest.fixture(scope="session")
+def lab():
+    """Everything above, for tests that cannot import from here."""
+    return SimpleNamespace(**globals())

@@ -1,0 +1,67 @@
+"""Error against tolerance, and against the reference solution of the benchmark slide2d."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+
+L = 0.025
+BARE = {"ambient__convection": 0.0, "contact__lane_widening": 0.0}
+
+# --- time -------------------------------------------------------------------------------------------
+
+
+def test_error_in_time_follows_the_tolerance(lab):
+    def run(rtol):
+        return lab.case(numerics__mesh="coarse", numerics__rtol=rtol, **BARE).T_block
+
+    true = run(1e-8)
+    errors = [np.sqrt(np.square(run(rtol) - true).mean()) for rtol in (1e-3, 1e-4, 1e-5)]
+    print("time errors, K", errors)
+    for rtol, error in zip((1e-3, 1e-4, 1e-5), errors, strict=True):
+        lab.hold(f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 0.5)
+    assert errors[0] / errors[1] > 6  # a method of order 5 gives 10^(5/6) = 6.8 a decade
+    assert errors[1] / errors[2] > 6
+
+
+# --- the benchmark ----------------------------------------------------------------------------------
+
+SLIDE = {
+    "block.material": "rubber", "road.material": "stone", "road.depth": 0.01, "road.upstream": 0.005,
+    "road.downstream": 0.01, "contact.pressure": 1e6, "contact.spot_fraction": 1.0, "contact.alpha": 2e5,
+    "contact.heat_split": 0.5, "contact.lane_widening": 0.0, "friction.volumetric_share": 0.5, "friction.depth": 1e-4,
+    "ambient.convection": 20.0, "effects": ["holder_sink"], "holder_sink.coefficient": 20.0,
+    "materials.rubber.conductivity": 0.23, "materials.rubber.density": 1200.0, "materials.rubber.heat_capacity": 1700.0,
+    "materials.stone.conductivity": 1.2, "materials.stone.density": 2400.0, "materials.stone.heat_capacity": 900.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("cells", "first", "most", "percent"),
+    [
+        ([60, 30, 60], (4e-5, 4e-5, 5e-6, 5e-6), 12000, 0.1),
+        ([30, 16, 51], (1.56e-4, 6.1e-4, 1.3e-5, 1.5e-5), 2500, 0.1),
+        ([24, 16, 26], (1e-4, 1e-4, 1e-5, 1e-5), 1500, 0.8),
+        ([14, 9, 18], (3e-4, 1.5e-3, 3e-5, 1.6e-5), 500, 1.0),
+    ],
+)
+def test_slide2d_agrees_with_the_reference(lab, cells, first, most, percent):
+    reference = json.loads((Path(__file__).parent / "data" / "slide2d_reference.json").read_text(encoding="utf-8"))
+    names = ("first_x", "last_x", "first_block", "first_road")
+    mesh = {f"numerics.{k}": v for k, v in zip(names, first, strict=True)} | {
+        "numerics.cells": cells,
+        "numerics.rtol": 1e-3,
+    }
+    run = lab.case(**SLIDE, **mesh)
+    assert run.mesh.n_cells <= most
+    rise = run.T_block - 20.0
+    along = PchipInterpolator(run.x, rise[-1])(np.array(reference["x"])) - reference["TR_rise"]
+    middle = PchipInterpolator(run.time, PchipInterpolator(run.x, rise, axis=1)(L / 2))(reference["t_mid"])
+    scale = 100 / reference["max_rise_TR"]
+    label = f"slide2d {run.mesh.n_cells} cells"
+    lab.hold(f"{label}, along x at 35 s, %", scale * np.abs(along).max(), percent)
+    lab.hold(f"{label}, middle in time, %", scale * np.abs(middle - reference["TR_mid_rise"]).max(), percent)

@@ -114,7 +114,9 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
         times(v, jv)
         return 0
 
-    def make(tstop):
+    def make(stop):
+        # the binding keeps tstop in single precision: the next value above never stops short
+        tstop = float(np.nextafter(np.float32(stop), np.float32(np.inf)))
         return CVODE(
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
             precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
@@ -134,6 +136,8 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
         bad = out.flag not in (StatusEnum.SUCCESS, StatusEnum.TSTOP_RETURN)
         if bad:
             return 0.0, None, f"CVODE: {out.message or out.flag.name}"
+        if out.values.t >= box["stop"]:
+            return box["stop"], interpolate(box["stop"]), ""
         return float(out.values.t), np.array(out.values.y), ""
 
     def interpolate(t):

@@ -218,7 +218,8 @@ def _record(balance, stage, t, y, now, frame) -> None:
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
         mu = _mean_friction(stage, state, moment, T, entering, kf) if stage.phase.sliding else np.nan
     else:
-        surface = T[balance.cell_block]
+        lifted = moment._replace(spot_fraction=state.phi)
+        surface = balance.sites.surface_rise("block.face", lifted, T, kf)
         spot = surface + C0
         lane = under + state.lane * (T[balance.cell_road] - under) + C0
         mu = np.nan

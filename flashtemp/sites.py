@@ -19,8 +19,8 @@ class Sites:
         self.scene, self.laws, mesh = scene, laws, scene.mesh
         self.k = conductivity
         self.names = list(laws.films)
-        parts = [mesh.patches[s] for s in self.names]
-        self.offset = np.cumsum([0] + [len(c) for c, _, _ in parts]).astype(np.int64)
+        parts = [mesh.patches[s] for s in self.names] or [(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))]
+        self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell]
         n = len(self.names)
@@ -64,6 +64,16 @@ class Sites:
             slope = np.imag(heat) / STEP
             own[cells] += slope
             rows[to].append((cells.ravel(), slope.ravel()))
+
+    def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
+        """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""
+        cell, _, half = self.scene.mesh.patches[site]
+        if site not in self.names:
+            return T[cell]
+        self._films(now)
+        s = self.names.index(site)
+        inner = half / (self.k * kf)[cell]
+        return T[cell] + (self.far[s] - T[cell]) * inner / (inner + self.film[s])
 
     def _films(self, now) -> list[list[tuple[float, float]]]:
         """Film resistance and far rise of every site, several films combined; (h, far) of each."""

@@ -29,7 +29,7 @@ THIN_ROAD = Material(1e-2 * ROAD.conductivity, 1e2 * ROAD.density, ROAD.heat_cap
 FILM_ROAD = Material(1e-4 * ROAD.conductivity, 1e4 * ROAD.density, ROAD.heat_capacity)
 FILM_RUBBER = Material(1e-4 * RUBBER.conductivity, 1e4 * RUBBER.density, RUBBER.heat_capacity)
 NO_BLOCK, NO_ROAD = Material(1e-12, 1200.0, 1700.0), Material(1e-12, 2300.0, 950.0)  # take no heat
-LEAK = 1e-11  # relative energy imbalance that rounding may leave
+LEAK = 1e-12  # relative energy imbalance that rounding may leave
 
 
 def hold(label: str, error: float, bound: float) -> None:

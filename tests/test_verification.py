@@ -328,9 +328,9 @@ def test_V15_V16_V18_default_case(lab):
         rise = run.T_block[-1] - 20.0
         share[v] = (rise * dx).sum() / final, run.at_x(rise, L / 2)
         given = 1.5e5 * 3.5 * L
-        lab.hold(f"V18 {v} m/s, friction heat relative to mu p s L", abs(run.budget["friction"] / given - 1), 1e-10)
+        lab.hold(f"V18 {v} m/s, friction heat relative to mu p s L", abs(run.budget["friction"] / given - 1), 1e-12)
         kept = run.budget["block"] + 0.2 * (run.energy["lanes"][-1] + run.energy["lane_out"][-1])
-        lab.hold(f"V18 {v} m/s, block and road gain, relative", abs(kept / given - 1), 1e-10)
+        lab.hold(f"V18 {v} m/s, block and road gain, relative", abs(kept / given - 1), 1e-12)
     lab.hold(
         "V15 case, rise at L/2, ratio relative to 3.162278", abs(share[1.0][1] / share[0.1][1] / 3.162278 - 1), 0.00018
     )

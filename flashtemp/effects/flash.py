@@ -14,7 +14,7 @@ from scipy.special import erfcx
 
 from flashtemp.effect import Effect, Param, Term
 
-FULL = 1.2204156216119  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
+FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
 
 
 def overlap(w):

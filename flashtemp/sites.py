@@ -62,8 +62,9 @@ class Sites:
                 rows[_ledger(site, self.laws.films[site][0][0])].append((cells, slope))
         for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
             slope = np.imag(heat) / STEP
-            own[cells] += slope
-            rows[to].append((cells.ravel(), slope.ravel()))
+            if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
+                own[cells] += slope
+                rows[to].append((cells.ravel(), slope.ravel()))
 
     def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
         """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""

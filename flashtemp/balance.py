@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from flashtemp import kernels
+from flashtemp.errors import SolverFailure
 from flashtemp.laws import Laws
 from flashtemp.scene import Scene
 from flashtemp.sites import Sites
@@ -82,7 +83,10 @@ class Balance:
         """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
         if self.capacity_gradient is None:
             return h
-        return 2 * h / (1 + np.sqrt(1 + 2 * self.capacity_gradient * h))
+        root = 1 + 2 * self.capacity_gradient * h
+        if not np.min(root.real) > 0:
+            raise SolverFailure("heat capacity fell to zero or below")
+        return 2 * h / (1 + np.sqrt(root))
 
     def enthalpy(self, rise: np.ndarray) -> np.ndarray:
         """Inverse of `rise`."""

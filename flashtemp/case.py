@@ -88,7 +88,8 @@ def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
         raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
     given = keys.parse_overrides(overrides)
-    name = path.name if path.is_dir() else (file.parent.name if file.name == "case.toml" else file.stem)
+    real = file.resolve()
+    name = real.parent.name if real.name == "case.toml" else real.stem
     return assemble(raw, given, keys.Places(str(file), text, set(given)), file.parent, name)
 
 

@@ -45,9 +45,15 @@ class Progress:
     columns: dict[str, list] | None = None  # of the track, as read from a checkpoint
 
 
-def record_times(phase, settings: Settings) -> np.ndarray:
+def stretches(phase, schedule) -> int:
+    """Into how many stretches events divide the sliding of this repetition."""
+    return sum(p.sliding and p.repetition == phase.repetition for p in schedule.phases)
+
+
+def record_times(phase, schedule, settings: Settings) -> np.ndarray:
     """Times (s) at which profiles are kept: dense after each start or stop, and every end."""
-    n = settings.profiles if phase.sliding else max(4, settings.profiles // 4)
+    sliding = -(-settings.profiles // stretches(phase, schedule))
+    n = sliding if phase.sliding else max(4, settings.profiles // 4)
     t = phase.begin + (phase.end - phase.begin) * (np.arange(n + 1) / n) ** 2
     t[-1] = phase.end
     return t if phase.begin == 0.0 else t[1:]
@@ -91,19 +97,19 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     stage = Stage(balance, phase, _inflow(scene, phase, now.track))
     tol = Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, phase.end - phase.begin)
     solver = Integrator(settings.binding, stage, tol)
-    times = record_times(phase, settings).tolist()
-    total, wanted = len(times), settings.fields if phase.sliding else 2
+    times = record_times(phase, scene.schedule, settings).tolist()
+    total, wanted = len(times), -(-settings.fields // stretches(phase, scene.schedule)) if phase.sliding else 2
     keep = {times[round(i * (total - 1) / max(1, wanted - 1))] for i in range(wanted)} if times else set()
     if resumed:
         times = [t for t in times if t > now.t]
     t, y = (now.t, now.y) if resumed else (phase.begin, now.y)
     tiny = 1e-9 * (phase.end - phase.begin)
-    if times and times[0] <= t + tiny:
-        at = times.pop(0)
-        _record(balance, stage, at, y, now, at in keep)
     before = now.steps
-    solver.start(t, y, phase.end)
     try:
+        if times and times[0] <= t + tiny:
+            at = times.pop(0)
+            _record(balance, stage, at, y, now, at in keep)
+        solver.start(t, y, phase.end)
         while phase.end - t > tiny:
             t, y = solver.step()
             while times and times[0] <= t + tiny:
@@ -174,22 +180,26 @@ def _leave(scene, stage, t, y, track) -> None:
     place = stage.phase.slid_before + now.slid - scene.mesh.x[-1]
     if track.place and place - track.place[-1] < track.lap / 400:
         return
-    column = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]]
-    track.leave(t, place, column, stage.entering(now), float(np.mean(stage.contact_state(now).phi)))
+    column, drift = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]], now.ambient - scene.ambient
+    share = float(np.mean(stage.contact_state(now).phi))
+    track.leave(t, place, column - drift, stage.entering(now) - drift, share)
 
 
 def _restart(scene, balance, before, now) -> None:
-    """The road under a lifted block when it comes down again: forgotten, or spread sideways."""
-    if not scene.schedule.lifted:
-        return
-    road = scene.mesh.road
+    """The road at a new start: spread sideways where the block rested on it, else forgotten or carried."""
+    mesh, road = scene.mesh, scene.mesh.road
     y = now.y.copy()
     old = balance.stored(y)
     stage = Stage(balance, before, _inflow(scene, before, now.track))
     moment = stage.moment(before.end)
     rise = np.zeros(balance.n)
     rise[road] = stage.entering(moment)
-    if now.track is not None:
+    if not scene.schedule.lifted:
+        state = stage.contact_state(moment)
+        every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
+        spread = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
+        rise[road] += spread[:, None] * (balance.rise(y[: balance.n])[road] - rise[road])
+    elif now.track is not None:
         share = float(np.mean(stage.contact_state(moment).phi))
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
         left = mixed * (balance.rise(y[: balance.n])[road] - rise[road])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -26,6 +26,7 @@ class Moment(NamedTuple):
     contact_time: float  # s since this repetition started
     waited: float  # s since sliding stopped, 0 while sliding
     last_speed: float  # m/s before the stop, the speed itself while sliding
+    history: Any  # speed as a Series of the time since this repetition started
     touching: bool  # False while the block is lifted
     ambient: float  # air and initial temperature, K
     repetition: int = 1
@@ -67,7 +68,6 @@ class Scene:
     width: float
     spot_diameter: float
     track_length: float | None = None
-    extra: dict[str, Any] = field(default_factory=dict)
 
     def moment(self, phase, t: float) -> Moment:
         """The schedule at time t within a phase."""
@@ -76,18 +76,18 @@ class Scene:
         if phase.sliding:
             v = s.speed(since)
             return Moment(
-                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, True, self.ambient,
+                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, s.speed, True, self.ambient,
                 phase.repetition,
             )  # fmt: skip
         waited = t - phase.begin
         return Moment(
-            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(),
+            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(), s.speed,
             not s.lifted, self.ambient, phase.repetition,
         )  # fmt: skip
 
     def __str__(self) -> str:
         names = ", ".join(a.name for a in self.acting)
-        return f"Scene\n  {self.mesh}\n  {self.schedule}\n  effects: {names}".replace("\n  ", "\n  ")
+        return f"Scene\n  {self.mesh}\n  {self.schedule}\n  effects: {names}"
 
 
 def gauss_mean(law, edges: np.ndarray, *args) -> np.ndarray:

@@ -21,43 +21,48 @@ class Series:
     value: tuple[float, ...]
 
     @cached_property
-    def _area(self) -> np.ndarray:
-        t, v = np.asarray(self.time), np.asarray(self.value)
-        return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, values and the integral from 0 up to every row."""
+        t, v = np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
+        steps = np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))
+        return t, v, v[0] * t[0] + np.concatenate([[0.0], steps])
 
     def __call__(self, t: float) -> float:
         if len(self.value) == 1:
             return self.value[0]
-        return float(np.interp(t, self.time, self.value))
+        return float(np.interp(t, *self._arrays[:2]))
 
     def integral(self, t: float) -> float:
         """Integral from 0 to t, exact for the broken line."""
-        if len(self.value) == 1:
+        if len(self.value) == 1 or t <= self.time[0]:
             return self.value[0] * t
-        if t <= self.time[0]:
-            return self.value[0] * t
-        k = min(int(np.searchsorted(self.time, t)), len(self.time)) - 1
-        rest = 0.5 * (self.value[k] + self(t)) * (t - self.time[k])
-        return float(self.value[0] * self.time[0] + self._area[k] + rest)
+        times, values, area = self._arrays
+        k = int(np.searchsorted(times, t)) - 1
+        return float(area[k] + 0.5 * (values[k] + self(t)) * (t - times[k]))
 
-    def reach(self, area: float) -> float:
-        """Time at which the integral first equals `area`; inf when it never does."""
-        if area <= 0:
-            return 0.0
+    def reach(self, area):
+        """Time at which the integral first equals `area` (number or array); inf when it never does."""
+        wanted = np.asarray(area, dtype=float)
+        t, v, sums = self._arrays
+        k = np.searchsorted(sums, wanted)
+        last = np.maximum(k - 1, 0)
+        t0, s0, v0 = np.where(k == 0, 0.0, t[last]), np.where(k == 0, 0.0, sums[last]), np.where(k == 0, v[0], v[last])
+        inside = (k > 0) & (k < len(t))
+        after = np.minimum(k, len(t) - 1)
+        slope = np.where(inside, (v[after] - v0) / np.where(inside, t[after] - t0, 1.0), 0.0)
+        root = v0 * v0 + 2 * slope * (wanted - s0)
+        root = np.where(np.abs(root) < 1e-12 * v0 * v0, 0.0, root)  # comes to rest just there
+        speed = v0 + np.sqrt(np.maximum(root, 0.0))
+        possible = (root >= 0) & (speed > 0)
+        found = np.where(possible, t0 + 2 * (wanted - s0) / np.where(possible, speed, 1.0), np.inf)
+        found = np.where(wanted <= 0, 0.0, found)
+        return found if np.ndim(area) else float(found)
+
+    def ago(self, t: float, x):
+        """How long before t the road now at x (m, number or array) was at 0; t for road not there yet."""
         if len(self.value) == 1:
-            return area / self.value[0] if self.value[0] > 0 else np.inf
-        knots = np.asarray(self.time)
-        sums = np.array([self.integral(t) for t in knots])
-        k = int(np.searchsorted(sums, area))
-        t0, s0, v0 = (0.0, 0.0, self.value[0]) if k == 0 else (knots[k - 1], sums[k - 1], self.value[k - 1])
-        slope = 0.0
-        if 0 < k < len(knots):
-            slope = (self.value[k] - v0) / (knots[k] - t0)
-        root = v0 * v0 + 2 * slope * (area - s0)
-        root = 0.0 if abs(root) < 1e-12 * v0 * v0 else root  # comes to rest just there
-        if root < 0 or v0 + np.sqrt(root) <= 0:
-            return np.inf
-        return float(t0 + 2 * (area - s0) / (v0 + np.sqrt(root)))
+            return np.minimum(x / self.value[0], t)
+        return t - self.reach(self.integral(t) - x)
 
 
 def constant(value: float) -> Series:

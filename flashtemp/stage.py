@@ -38,9 +38,9 @@ class Stage:
         """Contact laws along the block, evaluated again only when something they see has changed."""
         b = self.b
         D, mesh = b.scene.spot_diameter, b.scene.mesh
-        speed = now.speed if now.speed > 0 else now.last_speed
-        transit = (mesh.x[-1] / speed) if speed > 0 else np.inf
-        key = (now.speed, now.pressure, now.touching, min(now.slid, D), min(now.contact_time, transit), now.waited)
+        slid_for = now.contact_time - now.waited
+        age = float(now.history.ago(slid_for, mesh.x[mesh.last]))  # of the lanes that leave the block, s
+        key = (now.speed, now.pressure, now.touching, min(now.slid, D), age, now.waited)
         key += (now.t,) if b.laws.restless else ()
         if key == self._key:
             return self._state
@@ -122,6 +122,8 @@ class Stage:
         q /= b.capacity
         for i, name in enumerate(b.ledger):
             out[n + i] = led[name]
+        if not np.isfinite(out.sum()):
+            raise SolverFailure("the heat balance is no longer finite")
 
     def conduction(self, T, now):
         """Face conductances and the factor on conductivity at the temperatures T (rise)."""

@@ -39,12 +39,19 @@ def overlap_integral(r):
 
 
 @cache
-def deep_share(kappa: float) -> float:
-    """Theta_v/Theta_s for a source decaying over depth d; kappa = sqrt(D t_spot)/d (eq. 13)."""
+def _deep() -> CubicSpline:
+    """Theta_v/Theta_s over log10 kappa."""
     nodes, weights = np.polynomial.legendre.leggauss(120)
     s = 0.5 * (nodes + 1)  # w = s^2
-    integral = 0.5 * np.sum(weights * 2 * s * overlap(s * s) * erfcx(kappa * s))
-    return float(kappa * integral * np.sqrt(np.pi) / FULL)
+    logs = np.linspace(-5.0, 5.0, 801)
+    kappa = 10.0 ** logs[:, None]
+    integral = 0.5 * np.sum(weights * 2 * s * overlap(s * s) * erfcx(kappa * s), axis=1)
+    return CubicSpline(logs, kappa[:, 0] * integral * np.sqrt(np.pi) / FULL)
+
+
+def deep_share(kappa: float) -> float:
+    """Theta_v/Theta_s for a source decaying over depth d; kappa = sqrt(D t_spot)/d (eq. 13)."""
+    return float(_deep()(np.log10(min(max(kappa, 1e-5), 1e5))))
 
 
 class Flash(Effect):
@@ -79,7 +86,7 @@ class Flash(Effect):
 
         def deep(T, now, p, depth):
             time, _ = residence(now)
-            return deep_share(round(float(np.sqrt(rubber.diffusivity * time) / depth), 12))
+            return deep_share(float(np.sqrt(rubber.diffusivity * time)) / depth)
 
         yield Term("contact.flash_resistance", surface)
         yield Term("contact.flash_share", deep)

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,7 +22,7 @@ def retained(tau, diameter, diffusivity):
     return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
-@cache
+@lru_cache(maxsize=64)
 def _kept(fraction: float) -> CubicSpline:
     """K(u) = integral of max(R, phi) d(sqrt theta) over u = sqrt(theta), theta = D_S t/diameter^2."""
     u = np.concatenate([[0.0], np.geomspace(1e-4, 30.0, 600)])
@@ -35,12 +35,13 @@ def _kept(fraction: float) -> CubicSpline:
 
 
 def mean_factor(entered, left, diameter, diffusivity, fraction):
-    """Lane-mean rise over the 1D column, for heat received evenly between two ages (s), V23."""
+    """Lane-mean rise over the 1D column, for heat received evenly from `entered` to `left` s ago, V23."""
     scale = np.sqrt(diffusivity) / diameter
     a = np.minimum(np.sqrt(np.maximum(left, 0.0)) * scale, 29.0)
     b = np.minimum(np.sqrt(np.maximum(entered, 1e-12)) * scale, 30.0)
     K = _kept(float(fraction))
-    return (K(b) - K(a)) / np.maximum(b - a, 1e-12)
+    apart = b - a > 1e-6
+    return np.where(apart, (K(b) - K(a)) / np.where(apart, b - a, 1.0), K(b, 1))
 
 
 class Lanes(Effect):
@@ -62,14 +63,12 @@ class Lanes(Effect):
             phi = float(np.mean(now.spot_fraction))
             if phi >= 1.0:
                 return 1.0
-            speed = now.speed if now.speed > 0 else now.last_speed
+            slid_for = now.contact_time - now.waited
             x = np.maximum(now.x, 0.0)
-            began = now.contact_time - now.waited
-            age = np.minimum(x / speed, began) if speed > 0 else np.full(np.shape(x), began)
-            gone = np.clip(age - L / speed, 0.0, None) if speed > 0 else 0.0 * age
-            f = mean_factor(
-                age + now.waited, gone + (0.0 if now.touching else now.waited), D, material.diffusivity, phi
-            )
+            entered = now.history.ago(slid_for, x)
+            left = now.history.ago(slid_for, np.maximum(x - L, 0.0))
+            rest = 0.0 if now.touching else now.waited
+            f = mean_factor(entered + now.waited, left + rest, D, material.diffusivity, round(phi, 3))
             return 1.0 - p.lane_widening * (1.0 - f)
 
         yield Factor("road.lane_rise", law)

@@ -27,7 +27,7 @@ class Spots(Effect):
         0.2, "1", "macroasperity contact fraction at the reference pressure", low=0.0, high=1.0, open_low=True
     )
     spot_exponent = Param(
-        0.0, "1", "exponent n of phi with local pressure; decides the sign of run-in", low=0.0, high=2.0, off=0.0
+        0.0, "1", "exponent n of phi with local pressure; decides the sign of run-in", low=0.0, high=1.0, off=0.0
     )
     reference_pressure = Param(1.5e5, "Pa", "nominal pressure at which spot_fraction holds", low=0.0, open_low=True)
     spot_diameter = Param(3e-3, "m", "diameter of the macroasperity contact regions", low=0.0, high=0.05, open_low=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from contextlib import contextmanager
@@ -60,7 +61,8 @@ def progress_bar(label: str):
 
 @app.command
 def run(
-    case: str | None = None,
+    case: Annotated[str | None, Parameter(help="A case folder or a .toml file.")] = None,
+    /,
     *overrides: str,
     out: Path | None = None,
     resume: Path | None = None,
@@ -72,10 +74,8 @@ def run(
 
     Parameters
     ----------
-    case
-        A case folder or a .toml file.
     overrides
-        Keys of the case to change, as table.key=value.
+        Keys of the case to change, as table.key=value; files are looked up beside the case.
     out
         Result folder; results/CASE when not given.
     resume
@@ -107,7 +107,7 @@ def run(
 
 
 @app.command
-def check(file: Path, *overrides: str, json: Json = False) -> int:
+def check(file: Path, /, *overrides: str, json: Json = False) -> int:
     """Validate a case with exactly the code of run, and print what it would simulate.
 
     Parameters
@@ -129,7 +129,7 @@ def check(file: Path, *overrides: str, json: Json = False) -> int:
 
 
 @app.command
-def converge(case: str, *overrides: str, json: Json = False) -> int:
+def converge(case: str, /, *overrides: str, json: Json = False) -> int:
     """Observed order of accuracy and error estimate of a case, by refining it.
 
     Parameters
@@ -270,8 +270,11 @@ def main(argv: list[str] | None = None) -> int:
     except FlashtempError as fault:
         tell(f"the computation failed: {fault}")
         return FAILED
+    except BrokenPipeError:  # the reader of stdout has gone, as in `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
     except OSError as fault:
-        tell(f"the computation failed: {fault}")
+        tell(f"the computation failed: {' '.join(str(fault).split())}")
         return FAILED
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from flashtemp.errors import BadInput
 from flashtemp.run import Run
 
 QUAD = 9
@@ -47,7 +49,7 @@ def write(run: Run, path: Path) -> None:
     at z = 0.  Case text and statistics travel in the group "flashtemp" beside the data.
     """
     times = run.time[run.frames]
-    with h5py.File(path, "w") as file:
+    with in_memory(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         _mark(root, "MultiBlockDataSet")
         for name, (x, z, cells, k) in bodies(run).items():
@@ -81,6 +83,16 @@ def write(run: Run, path: Path) -> None:
         about.attrs["case"] = run.case_text
         for key, value in run.statistics.items():
             about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
+
+
+@contextmanager
+def in_memory(path: Path):
+    """An HDF5 file built in memory and written in one go: a full disk raises OSError, nothing worse."""
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    path.write_bytes(image)
 
 
 def _mark(group, kind: str) -> None:
@@ -153,9 +165,11 @@ class Fields:
 
 
 def open_fields(path) -> Fields:
-    """Open the fields.vtkhdf of a result folder (or the file itself)."""
+    """Open the fields.vtkhdf of a result folder (or the file itself); BadInput when there is none."""
     path = Path(path)
     file = path / "fields.vtkhdf" if path.is_dir() else path
+    if not file.is_file():
+        raise BadInput(f"{path}: no fields.vtkhdf there; give the folder of a finished run with output.vtk = true")
     with h5py.File(file) as handle:
         times = handle["VTKHDF/block/Steps/Values"][:]
     return Fields(file, times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import signal
 import threading
@@ -20,7 +21,7 @@ from flashtemp.errors import BadInput, Interrupted
 from flashtemp.march import Progress, march
 from flashtemp.run import Run
 
-CHECKPOINT = "checkpoint.h5"
+CHECKPOINT, LOCK = "checkpoint.h5", ".lock"
 EVERY = 30.0  # s of wall time between checkpoints
 
 
@@ -55,24 +56,56 @@ def simulate(
     if out is None:
         return march(scene, numerics, case.title, None, _watcher(None, scene, watch))
     out = Path(out)
-    if out.exists() and not overwrite:
-        raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
+    _may_write(out, overwrite)
     work = partial(out)
-    if work.exists():
+    with _hold(work):
         if (work / CHECKPOINT).exists() and not overwrite:
-            raise BadInput(
-                f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume {out}' or --overwrite"
-            )
-        shutil.rmtree(work)
-    work.mkdir(parents=True)
+            hint = f"go on with 'flashtemp run --resume {out}' or --overwrite"
+            raise BadInput(f"--out: {work} holds an interrupted run; {hint}")
+        _clear(work)
+        try:
+            (work / "case.toml").write_text(case.toml(_copy_inputs(case, work)), encoding="utf-8")
+            return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say)
+        except Interrupted:
+            raise
+        except BaseException:
+            shutil.rmtree(work, ignore_errors=True)
+            raise
+
+
+def _may_write(out: Path, overwrite: bool) -> None:
+    """BadInput unless `out` is free, or an earlier result that may be replaced."""
+    if out.exists():
+        if not overwrite:
+            raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
+        if not (out / "summary.json").is_file() or not (out / "run.nc").is_file():
+            raise BadInput(f"--out: {out} is no result of flashtemp and will not be overwritten; choose another folder")
     try:
-        (work / "case.toml").write_text(case.toml(_copy_inputs(case, work)), encoding="utf-8")
-        return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say)
-    except Interrupted:
-        raise
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
+        partial(out).mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
+
+
+@contextmanager
+def _hold(work: Path):
+    """Keep other runs out of a folder that is being written."""
+    import fcntl
+
+    with (work / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as fault:
+            raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
+        yield
+
+
+def _clear(work: Path) -> None:
+    """Remove what an earlier run left half-written."""
+    for path in work.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name != LOCK:
+            path.unlink()
 
 
 def resume(
@@ -88,8 +121,10 @@ def resume(
     if not (work / CHECKPOINT).is_file():
         what = "it is already whole" if (out / "run.nc").exists() else f"no {CHECKPOINT} in {work}"
         raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
-    case = cases.load(work)
-    return _carry_out(case, cases.build(case), cases.settings(case), load_checkpoint(work), work, out, pvd, watch, say)
+    with _hold(work):
+        case = cases.load(work)
+        scene, state = cases.build(case), load_checkpoint(work)
+        return _carry_out(case, scene, cases.settings(case), state, work, out, pvd, watch, say)
 
 
 def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
@@ -121,21 +156,22 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
 
             viz.draw_all(run, work)
         (work / CHECKPOINT).unlink(missing_ok=True)
+        old = out.with_name(out.name + ".old")
         if out.exists():
-            shutil.rmtree(out)
+            out.rename(old)
+        (work / LOCK).unlink()
         work.rename(out)
+        shutil.rmtree(old, ignore_errors=True)
     return run
 
 
 def _copy_inputs(case: cases.Case, work: Path) -> dict[str, str]:
     """Copy the files that a case names into the result; returns their new names by key."""
     renamed: dict[str, str] = {}
-    taken: dict[str, str] = {}
     for key, name in case.files().items():
-        new = Path(name).name if taken.get(Path(name).name, name) == name else f"{key}-{Path(name).name}"
-        taken[new] = name
-        shutil.copyfile(case.folder / name, work / new)
-        renamed[key] = new
+        renamed[key] = f"inputs/{key}{Path(name).suffix}"
+        (work / "inputs").mkdir(exist_ok=True)
+        shutil.copyfile(case.folder / name, work / renamed[key])
     return renamed
 
 
@@ -175,13 +211,14 @@ def _signals():
 def save_checkpoint(work: Path, p: Progress) -> None:
     """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
     fresh = work / (CHECKPOINT + ".new")
-    with h5py.File(fresh, "w") as file:
+    with export.in_memory(fresh) as file:
         file.attrs.update(
             {
                 "t": p.t,
                 "phase": p.phase,
                 "steps": p.steps,
                 "wall": p.wall,
+                "case": _fingerprint(work),
                 **{f"calls_{k}": v for k, v in p.calls.items()},
             }
         )
@@ -196,23 +233,37 @@ def save_checkpoint(work: Path, p: Progress) -> None:
 
 
 def load_checkpoint(work: Path) -> Progress:
-    """The Progress of a checkpoint; the track's columns are put back when the march rebuilds it."""
-    with h5py.File(work / CHECKPOINT) as file:
-        a = file.attrs
-        records = {k: list(v[:]) for k, v in file["records"].items()}
-        records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
-        columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
-        return Progress(
-            t=float(a["t"]),
-            phase=int(a["phase"]),
-            y=file["y"][:],
-            records=records,
-            steps=int(a["steps"]),
-            calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
-            wall=float(a["wall"]),
-            left=file["left"][:],
-            columns=columns,
-        )
+    """The Progress of a checkpoint; BadInput when it is damaged or its case was changed meanwhile."""
+    try:
+        with h5py.File(work / CHECKPOINT) as file:
+            if file.attrs["case"] != _fingerprint(work):
+                raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
+            return _progress(file)
+    except (OSError, KeyError) as fault:
+        raise BadInput(f"--resume: {work / CHECKPOINT} is damaged ({fault}); start the run anew") from fault
+
+
+def _fingerprint(work: Path) -> str:
+    return hashlib.sha256((work / "case.toml").read_bytes()).hexdigest()
+
+
+def _progress(file) -> Progress:
+    """The track's columns are put back when the march rebuilds it."""
+    a = file.attrs
+    records = {k: list(v[:]) for k, v in file["records"].items()}
+    records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
+    columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
+    return Progress(
+        t=float(a["t"]),
+        phase=int(a["phase"]),
+        y=file["y"][:],
+        records=records,
+        steps=int(a["steps"]),
+        calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
+        wall=float(a["wall"]),
+        left=file["left"][:],
+        columns=columns,
+    )
 
 
 def versions(binding: str) -> dict[str, str]:

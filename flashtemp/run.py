@@ -149,7 +149,7 @@ class Run:
         """Write run.nc, summary.json and profiles.csv into a folder that exists."""
         ds = self.dataset()
         ds["time"].encoding["dtype"] = "float64"
-        ds.to_netcdf(folder / "run.nc", engine="h5netcdf")
+        (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n")
         head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa"
         k = self.last

@@ -55,7 +55,7 @@ class Track:
     def carried(self, t: float, place: float) -> np.ndarray:
         """Rise (n_road,) in K of the road at `place` (m, unwrapped) coming round one lap later."""
         before = place - self.lap
-        k = int(np.searchsorted(self.place, before))
+        k = int(np.searchsorted(self.place, before, side="right"))
         if k == 0 or not self.place:
             return np.zeros(len(self.dz))
         if k == len(self.place):

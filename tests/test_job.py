@@ -52,7 +52,7 @@ def result(folder, tmp_path_factory):
 def test_files_of_the_contract(result):
     out, run = result
     names = {p.name for p in out.iterdir()}
-    assert names == {"case.toml", "run.nc", "summary.json", "profiles.csv", "fields.vtkhdf", "pvd", "speed.csv"}
+    assert names == {"case.toml", "run.nc", "summary.json", "profiles.csv", "fields.vtkhdf", "pvd", "inputs"}
     with xr.open_dataset(out / "run.nc") as ds:
         for name in ("T_block", "T_spot", "T_road", "pressure"):
             assert ds[name].dims == ("time", "x")
@@ -120,10 +120,47 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
     (out / "precious.txt").write_text("mine")
     with pytest.raises(flashtemp.BadInput, match="exists"):
         job.simulate(load(folder, SMALL), out)
+    with pytest.raises(flashtemp.BadInput, match="no result of flashtemp"):
+        job.simulate(load(folder, SMALL), out, overwrite=True)
     assert (out / "precious.txt").read_text() == "mine"
-    job.simulate(load(folder, SMALL), out, overwrite=True)
-    assert (out / "run.nc").exists()
-    assert not (out / "precious.txt").exists()
+    again = tmp_path / "again"
+    job.simulate(load(folder, SMALL), again)
+    (again / "note.txt").write_text("old")
+    job.simulate(load(folder, SMALL), again, overwrite=True)
+    assert (again / "run.nc").exists()
+    assert not (again / "note.txt").exists()
+    assert {p.name for p in tmp_path.iterdir()} == {"out", "again"}
+
+
+def test_two_runs_into_one_folder_do_not_meet(folder, tmp_path):
+    def intrude(progress, end):
+        with pytest.raises(flashtemp.BadInput, match="another run"):
+            job.simulate(load(folder, SMALL), tmp_path / "out", overwrite=True)
+        watched.append(progress.t)
+
+    watched = []
+    short = SMALL | {"schedule.repetitions": 1, "schedule.distance": 0.01}
+    job.simulate(load(folder, short), tmp_path / "out", watch=intrude)
+    assert watched
+    assert (tmp_path / "out" / "run.nc").exists()
+
+
+def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
+    def stop(progress, end):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(flashtemp.errors.Interrupted):
+        job.simulate(load(folder, SMALL), tmp_path / "out", watch=stop)
+    case = tmp_path / "out.partial" / "case.toml"
+    text = case.read_text()
+    case.write_text(text.replace("mesh = 0.4", "mesh = 0.5"))
+    with pytest.raises(flashtemp.BadInput, match="was changed"):
+        job.resume(tmp_path / "out")
+    case.write_text(text)
+    checkpoint = tmp_path / "out.partial" / job.CHECKPOINT
+    checkpoint.write_bytes(checkpoint.read_bytes()[:500])
+    with pytest.raises(flashtemp.BadInput, match="damaged"):
+        job.resume(tmp_path / "out")
 
 
 def test_a_failure_leaves_nothing(folder, tmp_path, monkeypatch):
@@ -166,7 +203,15 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
 
 def test_ctrl_c_at_the_command_line(folder, tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "flashtemp", "run", str(folder), "output.pictures=false", "schedule.repetitions=2000"]
+    command = [
+        sys.executable,
+        "-m",
+        "flashtemp",
+        "run",
+        str(folder),
+        "output.pictures=false",
+        "schedule.repetitions=2000",
+    ]
     process = subprocess.Popen([*command, "--out", str(out)], stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     partial = Path(f"{out}.partial")
     for _ in range(600):

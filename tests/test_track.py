@@ -1,0 +1,71 @@
+"""The track's memory: heat is kept, spreads as it should, and comes round after one lap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flashtemp.meshes.grading import geometric
+from flashtemp.track import Track
+
+K, RC = 1.0, 2300 * 950.0
+EDGES = geometric(0.3, 1e-5, 90)
+DZ = np.diff(EDGES)[::-1]
+
+
+def track(film=0.0, lateral=0.85) -> Track:
+    return Track(3.5, DZ, K, RC, film, lateral)
+
+
+def heat(column) -> float:
+    """J/m2 of a column of rises."""
+    return float(RC * (DZ * column).sum())
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_mean_heat_is_kept_until_the_next_pass(share):
+    depth = 0.5 * (EDGES[1:] + EDGES[:-1])[::-1]
+    column = 30.0 * np.exp(-depth / 3e-4)
+    for age in (20.0, 100.0, 1000.0):
+        t = track()
+        t.leave(5.0, 0.2, column, 0.0 * column, share)
+        back = t.carried(5.0 + age, 3.7)
+        assert heat(back) == pytest.approx(share * heat(column), rel=1e-9)
+
+
+def test_old_heat_spreads_like_a_plane_source():
+    """E/(e sqrt(pi t)) exp(-z^2/(4 D t)) once all depths of the column are forgotten."""
+    depth = 0.5 * (EDGES[1:] + EDGES[:-1])[::-1]
+    column = 30.0 * np.exp(-depth / 1e-4)
+    t = track()
+    t.leave(0.0, 0.0, column, 0.0 * column, 0.2)
+    age = 45.0
+    exact = 0.2 * heat(column) / np.sqrt(K * RC * np.pi * age) * np.exp(-(depth**2) * RC / (4 * K * age))
+    np.testing.assert_allclose(t.carried(age, 3.5), exact, atol=1e-3 * exact.max())
+
+
+def test_lanes_mix_with_their_surroundings():
+    column = np.full(len(DZ), 8.0)
+    t = track(lateral=2.0)
+    t.leave(0.0, 0.0, column, 0.0 * column, 0.25)
+    for age in (0.0, 1.0, 4.0):
+        assert t.carried(age, 3.5)[-1] == pytest.approx(2.0 + 6.0 * np.exp(-age / 2.0), rel=1e-9)
+
+
+def test_air_takes_heat_from_the_open_road():
+    column = np.full(len(DZ), 8.0)
+    t = track(film=20.0)
+    t.leave(0.0, 0.0, column, 0.0 * column, 1.0)
+    kept = [heat(t.carried(age, 3.5)) for age in (0.0, 10.0, 100.0)]
+    assert kept[0] > kept[1] > kept[2] > 0
+    assert heat(column) - kept[1] == pytest.approx(20.0 * 8.0 * 10.0, rel=0.1)
+
+
+def test_only_what_has_passed_comes_round():
+    column = np.full(len(DZ), 8.0)
+    t = track()
+    t.leave(0.0, 1.0, column, 0.0 * column, 1.0)
+    t.leave(1.0, 1.1, 2 * column, 0.0 * column, 1.0)
+    assert not t.carried(5.0, 3.5 + 0.9).any()
+    assert t.carried(1.0, 3.5 + 1.05)[0] == pytest.approx(12.0)
+    assert not t.carried(5.0, 1.05).any()

@@ -261,7 +261,7 @@ def test_coarsest_mesh_is_built_or_refused(values, tmp_path, capsys):
     [
         (["runn", "x"], "runn"),
         (["run"], "CASE"),
-        (["check"], "file"),
+        (["check"], "FILE"),
         (["check", "x", "--ot"], "--ot"),
         (["effects", "frction"], "frction"),
     ],

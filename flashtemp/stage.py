@@ -38,10 +38,11 @@ class Stage:
         """Contact laws along the block, evaluated again only when something they see has changed."""
         b = self.b
         D, mesh = b.scene.spot_diameter, b.scene.mesh
-        slid_for = now.contact_time - now.waited
-        age = float(now.history.ago(slid_for, mesh.x[mesh.last]))  # of the lanes that leave the block, s
-        key = (now.speed, now.pressure, now.touching, min(now.slid, D), age, now.waited)
-        key += (now.t,) if b.laws.restless else ()
+        if b.laws.restless or len(now.history.value) > 1:
+            key = (now.t,)
+        else:  # nothing changes once spots and lanes have crossed the block
+            age = min(now.contact_time - now.waited, mesh.x[mesh.last] / now.last_speed)
+            key = (now.pressure, now.touching, min(now.slid, D), age, now.waited)
         if key == self._key:
             return self._state
         laws = b.laws

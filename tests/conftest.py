@@ -32,7 +32,7 @@ NO_BLOCK, NO_ROAD = Material(1e-12, 1200.0, 1700.0), Material(1e-12, 2300.0, 950
 LEAK = 1e-12  # relative energy imbalance that rounding may leave
 
 
-def hold(label: str, error: float, bound: float) -> None:
+def check(label: str, error: float, bound: float) -> None:
     """An error and its bound, printed for the table of docs/verification.md."""
     print(f"{label}: {error:.3g} <= {bound:.3g}")
     assert error <= bound, label
@@ -103,7 +103,7 @@ def orders(errors):
 def second_order(label, errors, bound):
     print(f"{label}: observed order", ", ".join(f"{p:.3f}" for p in orders(errors)))
     assert orders(errors) == pytest.approx([2.0] * (len(errors) - 1), abs=0.1)
-    hold(label, errors[-1], bound)
+    check(label, errors[-1], bound)
 
 
 def case(**given):

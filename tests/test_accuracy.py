@@ -23,7 +23,7 @@ def test_error_in_time_follows_the_tolerance(lab):
     errors = [np.sqrt(np.square(run(rtol) - true).mean()) for rtol in (1e-3, 1e-4, 1e-5)]
     print("time errors, K", errors)
     for rtol, error in zip((1e-3, 1e-4, 1e-5), errors, strict=True):
-        lab.hold(f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 0.5)
+        lab.check(f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 0.5)
     assert errors[0] / errors[1] > 6  # a method of order 5 gives 10^(5/6) = 6.8 a decade
     assert errors[1] / errors[2] > 6
 
@@ -63,5 +63,5 @@ def test_slide2d_agrees_with_the_reference(lab, cells, first, most, along, middl
     history = PchipInterpolator(run.time, PchipInterpolator(run.x, rise, axis=1)(L / 2))(reference["t_mid"])
     scale = 100 / reference["max_rise_TR"]
     label = f"slide2d {run.mesh.n_cells} cells"
-    lab.hold(f"{label}, along x at 35 s, %", scale * np.abs(line).max(), along)
-    lab.hold(f"{label}, middle in time, %", scale * np.abs(history - reference["TR_mid_rise"]).max(), middle)
+    lab.check(f"{label}, along x at 35 s, %", scale * np.abs(line).max(), along)
+    lab.check(f"{label}, middle in time, %", scale * np.abs(history - reference["TR_mid_rise"]).max(), middle)

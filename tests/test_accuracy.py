@@ -23,7 +23,9 @@ def test_error_in_time_follows_the_tolerance(lab):
     errors = [np.sqrt(np.square(run(rtol) - true).mean()) for rtol in (1e-3, 1e-4, 1e-5)]
     print("time errors, K", errors)
     for rtol, error in zip((1e-3, 1e-4, 1e-5), errors, strict=True):
-        lab.check(f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 0.5)
+        lab.check(
+            f"time, rtol = {rtol:g}: rms error over rtol times the largest rise", error / rtol / np.ptp(true), 0.5
+        )
     assert errors[0] / errors[1] > 6  # a method of order 5 gives 10^(5/6) = 6.8 a decade
     assert errors[1] / errors[2] > 6
 

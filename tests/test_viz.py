@@ -72,7 +72,9 @@ def no_overlaps(fig):
     renderer = fig.canvas.get_renderer()
     texts = [t for ax in fig.axes for t in (ax.xaxis.label, ax.yaxis.label, ax._left_title, *ax.texts)]
     ticks = [t for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) for t in visible(axis)]
-    boxes = [(t.get_text(), t.get_window_extent(renderer)) for t in [*texts, *ticks, fig._suptitle, fig._supxlabel] if t]
+    boxes = [
+        (t.get_text(), t.get_window_extent(renderer)) for t in [*texts, *ticks, fig._suptitle, fig._supxlabel] if t
+    ]
     boxes = [(text, box) for text, box in boxes if text.strip()]
     for i, (text, box) in enumerate(boxes):
         assert box.x0 > -1, text

@@ -46,10 +46,21 @@ class Balance:
         self.half_block = mesh.thickness[self.cell_block] / (2 * scene.block.conductivity)
         self.half_road = mesh.thickness[self.cell_road] / (2 * scene.road.conductivity)
         self._deposits()
+        self.share = self._reference_fraction()
         self.sites = Sites(scene, self.laws, k)
         self.ledger = LEDGER + tuple(sorted(self.sites.ledgers()))
         self.entry = {name: self.n + i for i, name in enumerate(self.ledger)}
         self.size = self.n + len(self.ledger)
+
+    def _reference_fraction(self) -> float:
+        """Contact fraction at the highest mean pressure: the constant weight of lanes in the audit.
+
+        Block and lanes close separately, so any constant weight makes a sum that every solve can keep.
+        """
+        schedule, x = self.scene.schedule, self.scene.mesh.x_block
+        now = self.scene.moment(schedule.phases[0], 0.0)
+        now = now._replace(x=x, local_pressure=np.full(len(x), max(schedule.pressure.value)))
+        return float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
 
     def _deposits(self) -> None:
         """Exact cell means of the decaying sources, eq. (7); power beyond the holder is kept."""

@@ -241,7 +241,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
     energy = dict(zip(balance.ledger, y[n:], strict=True)) | {
         "block": block,
         "lanes": road,
-        "share": float(np.mean(state.phi)),
+        "share": balance.share,
     }
     row = {
         "time": t,

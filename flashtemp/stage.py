@@ -178,7 +178,7 @@ class Stage:
         inv, mul, low, low2, high = self.factors
         kernels.factorise(
             mesh.start, mesh.n_road, b.capacity, self.gx, self.gz, self.carry, b.slope, b.g_in, gamma,
-            self.own, self.up, self.down, float(np.mean(self._state.phi)), self.stretch, inv, mul, low, low2, high,
+            self.own, self.up, self.down, b.share, self.stretch, inv, mul, low, low2, high,
         )  # fmt: skip
 
     def _linearise(self, now, T, kf) -> None:

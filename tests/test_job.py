@@ -18,7 +18,7 @@ import flashtemp
 from flashtemp import job
 from flashtemp.__main__ import main
 from flashtemp.case import load
-from flashtemp.cvode import available
+from flashtemp.cvode import Integrator, Tolerance, available
 
 SMALL = {
     "effects": ["track_memory", "friction_softening"],
@@ -284,3 +284,43 @@ def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
     job.simulate(load(folder, SMALL), tmp_path / "out", watch=look)
     assert any(kept)
     assert not (tmp_path / "out" / job.CHECKPOINT).exists()
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
+def test_audit_closes_while_the_contact_fraction_changes(folder, rtol):
+    change = {
+        "contact.pressure": [[0.0, 0.0], [1.0, 3e5], [2.0, 1e5]],
+        "contact.spot_exponent": 1.0,
+        "numerics.rtol": rtol,
+    }
+    run = job.simulate(load(folder, SMALL | change))
+    assert run.energy_imbalance < 1e-12
+    assert 0 < run.partition_error < rtol
+
+
+@pytest.mark.parametrize("binding", available())
+@pytest.mark.parametrize("end", [0.01, 0.1, 1.1, 35.0])
+def test_integration_ends_exactly_where_it_should(binding, end):
+    """Also where single precision cannot hold the end of a phase."""
+
+    class Clock:
+        def rate(self, t, y, out):
+            out[:] = [-y[0], 1.0]
+
+        def times(self, v, out):
+            out[:] = [-v[0], 0.0]
+
+        def setup(self, t, y, gamma):
+            self.gamma = gamma
+
+        def solve(self, r, z):
+            z[:] = [r[0] / (1 + self.gamma), r[1]]
+
+    solver = Integrator(binding, Clock(), Tolerance(1e-6, 1e-9, 5, end))
+    solver.start(0.0, np.array([1.0, 0.0]), end)
+    t = 0.0
+    while end - t > 1e-9 * end:
+        t, y = solver.step()
+    assert t == end
+    assert y[1] == pytest.approx(end, rel=1e-12)
+    assert y[0] == pytest.approx(np.exp(-end), abs=1e-4)

@@ -150,7 +150,7 @@ def build(case: Case) -> Scene:
             section = case.values[effect.section if effect.base else name]
             mine = {k: section[k] for k in effect.params()}
             acting.append(Acting(name, effect(), SimpleNamespace(**effect.prepare(mine, case.folder))))
-    parts = [c for a in acting for c in _safe(a, v, materials, case)]
+    parts = [c for a in acting for c in _probe(a, v, materials, case)]
     total = sum(c.share for c in parts if isinstance(c, Deposit))
     if total > 1 + 1e-12:
         raise BadInput(
@@ -200,7 +200,7 @@ def build(case: Case) -> Scene:
 def _remembers(acting, v, materials, case) -> bool:
     """Whether any effect lets heat on the track come round: tried with one kelvin."""
     probe = SimpleNamespace(carried=1.0)
-    laws = ((c, a.p) for a in acting for c in _safe(a, v, materials, case) if isinstance(c, Term))
+    laws = ((c, a.p) for a in acting for c in _probe(a, v, materials, case) if isinstance(c, Term))
     return any(c.law(None, probe, p) != 0 for c, p in laws if c.target == "road.inflow")
 
 
@@ -210,7 +210,7 @@ def settings(case: Case) -> Settings:
     return Settings(cvode.choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"])
 
 
-def _safe(acting, v, materials, case):
+def _probe(acting, v, materials, case):
     """Contributions of one effect on a scene without mesh, to ask what it speaks about."""
     scene = SimpleNamespace(
         length=v.block.length, width=v.block.width, height=v.block.height, spot_diameter=v.contact.spot_diameter,
@@ -243,7 +243,7 @@ def _series(case: Case, key: str) -> Series:
 
 def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[float]):
     level = v.numerics.mesh
-    refine = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}.get(level, level)
+    refine = keys.refinement(level)
     first = v.numerics.first_block
     if first is None:
         first = max(2e-7, min([4e-6] + [d / 2 for d in shallow]))

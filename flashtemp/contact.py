@@ -22,7 +22,7 @@ from flashtemp.laws import STEP
 class ContactState:
     """What the contact laws give along the block (lines,), apart from temperature.
 
-    `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction, `shape` local over mean pressure,
+    `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction, `pressure` local nominal pressure (Pa),
     `r` = 1/alpha and `flash` (m2 K/W), `lane` factor on the road rise, `split` chi, `surface`
     share of the heat released at the interface, `deep` flash of the deposits (m2 K/W).
     """
@@ -102,7 +102,7 @@ def _spot_temperature(a, b, friction, guess):
         T = T.real - step
         if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
             if np.iscomplexobj(a):  # one complex step at the solution carries the derivative
-                T = T - (T - a - b * (mu + 0.0)) / slope
+                T = T - (T - a - b * mu) / slope
                 mu = mu + dmu * 1j * T.imag
             else:
                 mu = mu + dmu * (-step)

@@ -129,7 +129,6 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
     def start(t, y, stop):
         box["solver"], box["stop"] = make(stop), stop
         box["solver"].init_step(t, y)
-        box["size"] = len(y)
 
     def advance():
         out = box["solver"].step(box["stop"])

@@ -236,10 +236,10 @@ def add_slopes(start, m, own, up, down, v, rate):
 
 
 @njit(cache=True)
-def exchange(offset, cell, area, half, factor, film, far, T, rate, own, total, surface):
+def exchange(offset, cell, area, half, factor, film, far, T, rate, total, surface):
     """Convective films: heat (W/m per cell) from `far` (K) through `film` (m2 K/W) and half a cell.
 
-    Sites are packed: faces offset[s]..offset[s+1]-1.  Adds to `rate` and to the diagonal `own`;
+    Sites are packed: faces offset[s]..offset[s+1]-1.  Adds to `rate`;
     `total` gets each site's heat (W/m), `surface` its area-weighted surface temperature (K m).
     """
     for s in range(len(offset) - 1):
@@ -253,7 +253,6 @@ def exchange(offset, cell, area, half, factor, film, far, T, rate, own, total, s
             g = area[j] / (inner + film[s])
             q = g * (far[s] - T[c])
             rate[c] += q
-            own[c] -= g
             total[s] += q
             surface[s] += area[j] * T[c] + q * inner
 

@@ -10,6 +10,7 @@ from typing import Any
 from flashtemp.effect import Param, catalogue
 from flashtemp.errors import BadInput, nearest
 
+LEVELS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
 NOTHING = Param(None, "", "")
 TEXT, CURVE, FLAG = ("name",), ("number", "text", "table"), ("flag",)
 TABLES: dict[str, dict[str, Param]] = {
@@ -108,6 +109,11 @@ class Places:
         """An error line that begins with its key, completed by where the key stands."""
         key = line.split(":", 1)[0]
         return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
+
+
+def refinement(level: str | float) -> float:
+    """Factor on the number of cells per direction of a numerics.mesh."""
+    return LEVELS.get(level, level)
 
 
 def declared(table: str) -> dict[str, Param]:
@@ -234,7 +240,7 @@ def wrong(param: Param, value: Any) -> str | None:
             else 'give "auto", "scikits-odes" or "scikit-sundae"'
         )
     if "level" in kinds and isinstance(value, str):
-        return None if value in ("coarse", "medium", "fine") else 'give "coarse", "medium", "fine" or a number'
+        return None if value in LEVELS else 'give "coarse", "medium", "fine" or a number'
     if "cells" in kinds:
         good = isinstance(value, list) and len(value) == 3 and all(isinstance(v, int) and 3 <= v <= 5000 for v in value)
         return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"

@@ -219,20 +219,23 @@ def _record(balance, stage, t, y, now, frame) -> None:
     _, _, kf = stage.conduction(T, moment)
     C0 = scene.ambient - KELVIN
     under = entering[-1]
+    mu = np.nan
+    if moment.touching:
+        flux = stage.contact_fluxes(state, moment, T, entering, kf)
+        if stage.phase.sliding:
+            load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
+            mu = float((flux.mu * load).sum() / load.sum())
     if t == 0.0:  # the initial state, before any heat
         surface, lane = T[balance.cell_block], T[balance.cell_road] + C0
-        spot, mu = surface + C0, _mean_friction(stage, state, moment, T, entering, kf)
+        spot = surface + C0
     elif moment.touching:
-        flux = stage.contact_fluxes(state, moment, T, entering, kf)
         surface = T[balance.cell_block] + state.phi * flux.into_block * balance.half_block / kf[balance.cell_block]
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
-        mu = _mean_friction(stage, state, moment, T, entering, kf) if stage.phase.sliding else np.nan
     else:
         lifted = moment._replace(spot_fraction=state.phi)
         surface = balance.sites.surface_rise("block.face", lifted, T, kf)
         spot = surface + C0
         lane = under + state.lane * (T[balance.cell_road] - under) + C0
-        mu = np.nan
     every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
     lanes = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
     cells = T + C0
@@ -260,12 +263,6 @@ def _record(balance, stage, t, y, now, frame) -> None:
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)
-
-
-def _mean_friction(stage, state, moment, T, entering, kf) -> float:
-    """Friction coefficient weighted with the local load."""
-    load = np.maximum(state.pressure, 1e-300) * stage.b.scene.mesh.dx_block  # an unloaded block weighs evenly
-    return float((stage.contact_fluxes(state, moment, T, entering, kf).mu * load).sum() / load.sum())
 
 
 def _finish(scene, balance, now, title) -> Run:

@@ -95,4 +95,4 @@ def gauss_mean(law, edges: np.ndarray, *args) -> np.ndarray:
     nodes, weights = np.polynomial.legendre.leggauss(3)
     mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     values = [np.asarray(law(mid + half * s, *args)) for s in nodes]
-    return sum(w * v for w, v in zip(weights, values, strict=False)) / 2
+    return sum(w * v for w, v in zip(weights, values, strict=True)) / 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -123,7 +124,7 @@ class Schedule:
             tiny = 1e-9 * self.slide_time
             inner = sorted(c for c in cuts if tiny < c < self.slide_time - tiny)
             cuts = [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
-            for a, b in zip(cuts, cuts[1:], strict=False):
+            for a, b in pairwise(cuts):
                 out.append(Phase(r + 1, True, t + a, t + b, t, before))
             begin = t
             t += self.slide_time

@@ -26,7 +26,6 @@ class Sites:
         n = len(self.names)
         self.film, self.far = np.empty(n), np.empty(n)
         self.total, self.surface = np.zeros(n), np.zeros(n)
-        self.unused = np.zeros(mesh.n_cells)
 
     def ledgers(self) -> set[str]:
         """Names under which heat may be booked."""
@@ -36,12 +35,8 @@ class Sites:
     def exchange(self, now, T, kf, q, led) -> None:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
         coefficients = self._films(now)
-        total, surface, own = (
-            a if T.dtype == float else a.astype(T.dtype) for a in (self.total, self.surface, self.unused)
-        )
-        kernels.exchange(
-            self.offset, self.cell, self.area, self.half, kf, self.film, self.far, T, q, own, total, surface
-        )
+        total, surface = (a.astype(T.dtype) for a in (self.total, self.surface))
+        kernels.exchange(self.offset, self.cell, self.area, self.half, kf, self.film, self.far, T, q, total, surface)
         for s, site in enumerate(self.names):
             if self.film[s] < np.inf:
                 area = self.area[self.offset[s] : self.offset[s + 1]].sum()

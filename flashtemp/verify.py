@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from flashtemp import case as cases
+from flashtemp import keys
 from flashtemp.march import march
 from flashtemp.run import Run
 
@@ -49,7 +50,7 @@ def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None)
     Richardson's estimate on three levels; roads and blocks are refined on the same smooth map.
     """
     scene, numerics = cases.build(case), cases.settings(case)
-    level = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}.get(case["numerics.mesh"], case["numerics.mesh"])
+    level = keys.refinement(case["numerics.mesh"])
     tight = replace(numerics, rtol=numerics.rtol / 10, profiles=4, fields=2)
     runs = []
     for factor in (0.5, 1.0, 2.0):

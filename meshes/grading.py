@@ -34,9 +34,8 @@ def two_sided(length: float, first: float, last: float, cells: int, refine: floa
     >>> bool(e[1] < 0.06), bool(abs(e[-1] - e[-2] - 0.1) < 0.02), len(e)
     (True, True, 13)
     """
-    lead = max(1, round(cells * 0.5))
-    if first < 0.2 * last:
-        lead = max(1, round(cells * 0.62))
+    # a much finer leading end needs more of the cells
+    lead = max(1, round(cells * (0.62 if first < 0.2 * last else 0.5)))
     trail = max(1, cells - lead)
 
     # the meeting point is where both series reach the same cell size, so that the map stays smooth

@@ -100,7 +100,7 @@ def orders(errors):
     return [log2(a / b) for a, b in pairwise(errors)]
 
 
-def second_order(label, errors, bound):
+def check_second_order(label, errors, bound):
     print(f"{label}: observed order", ", ".join(f"{p:.3f}" for p in orders(errors)))
     assert orders(errors) == pytest.approx([2.0] * (len(errors) - 1), abs=0.1)
     check(label, errors[-1], bound)

@@ -63,7 +63,7 @@ def test_V3_volumetric_source_and_order_in_depth(lab, depth, bound):
         _, rise = lab.slide(lab.scene(mesh, lab.APART, lab.MU, Deposit(1.0, depth), pressure=1e5, time=0.03))
         z = mesh.z_centre[mesh.block[0]]
         errors.append(np.abs(rise[mesh.block[0]] - exact.deep_source(RUBBER, 1e4, depth, 0.03, z)).max())
-    lab.second_order(f"V3 depth {depth:g} m, K", errors, bound)
+    lab.check_second_order(f"V3 depth {depth:g} m, K", errors, bound)
 
 
 def test_V13_slab_and_order(lab):
@@ -71,7 +71,7 @@ def test_V13_slab_and_order(lab):
     for refine in (1, 2, 4):
         z, T, surface = heated(lab, 16, 7e-3, 2e-4, refine, 1e3, 100.0)
         errors.append(np.abs(T - exact.slab(RUBBER, 7e-3, 1e3, 100.0, z)).max())
-    lab.second_order("V13 profile, K", errors, 0.002)
+    lab.check_second_order("V13 profile, K", errors, 0.002)
     lab.check("V13 heated face, K of 15.855354", abs(surface - 15.8553540), 0.0025)
     lab.check("V13 back, K of 2.8167688", abs(T[-1] - 2.8167688), 0.003)
 
@@ -91,7 +91,7 @@ def test_V14_slab_cools_to_the_holder_and_order(lab):
         _, rise = lab.slide(world, warm=1.0, rtol=1e-9)
         z = mesh.z_centre[mesh.block[0]]
         errors.append(np.abs(rise[mesh.block[0]] - exact.slab_cooling(RUBBER, 7e-3, 20.0, 400.0, 7e-3 - z)).max())
-    lab.second_order("V14 slab, of 1", errors, 1e-5)
+    lab.check_second_order("V14 slab, of 1", errors, 1e-5)
 
 
 # --- two half-spaces in contact: V5, V6, V7 ---------------------------------------------------------
@@ -111,7 +111,7 @@ def touch(lab, refine, alpha, time, surface=0.0, deep=0.0, depth=1e-4, differenc
 
 def test_V5_touching_half_spaces_and_order(lab):
     errors = [abs(touch(lab, r, 1e4, 0.01, difference=40.0)[0] / 98973.7762 - 1) for r in (1, 2, 4)]
-    lab.second_order("V5 alpha = 1e4, flux relative to 98973.7762", errors, 0.0003)
+    lab.check_second_order("V5 alpha = 1e4, flux relative to 98973.7762", errors, 0.0003)
     J, spot, lane = touch(lab, 4, inf, 0.01, difference=40.0)
     lab.check("V5 alpha = inf, flux relative to 108665.688", abs(J / 108665.688 - 1), 0.0003)
     lab.check("V5 alpha = inf, interface, K of 13.029917", max(abs(spot - 13.0299170), abs(lane - 13.0299170)), 0.0001)
@@ -262,7 +262,7 @@ def test_V19_order_along_x_for_a_smooth_flux(lab):
         smooth = Factor("contact.pressure", lambda T, now, p: flux(now.x))
         x, T, _ = roll(lab, smooth, refine=refine, cells=(16, 4, 16), first=(1e-3, 1e-3, 2e-7), depth=3e-5)
         errors.append(max(abs(t - exact.road_rise_any(ROAD, 0.1, flux, at)) for t, at in zip(T, x, strict=True)))
-    lab.second_order("V19 smooth flux along x, K of 31", errors, 0.04)
+    lab.check_second_order("V19 smooth flux along x, K of 31", errors, 0.04)
 
 
 def test_V23_lanes_widen(lab):

@@ -29,7 +29,7 @@ def _build_up() -> CubicSpline:
     nodes, weights = np.polynomial.legendre.leggauss(8)
     half = 0.5 * np.diff(s)
     mid = 0.5 * (s[1:] + s[:-1])
-    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=False)) * half
+    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=True)) * half
     return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
 
 

@@ -29,7 +29,7 @@ def _kept(fraction: float) -> CubicSpline:
     nodes, weights = np.polynomial.legendre.leggauss(6)
     half, mid = 0.5 * np.diff(u), 0.5 * (u[1:] + u[:-1])
     parts = np.zeros(len(half))
-    for n, w in zip(nodes, weights, strict=False):
+    for n, w in zip(nodes, weights, strict=True):
         parts += w * np.maximum(retained((mid + half * n) ** 2, 1.0, 1.0), fraction)
     return CubicSpline(u, np.concatenate([[0.0], np.cumsum(parts * half)]))
 

@@ -72,7 +72,7 @@ def write(run: Run, path: Path) -> None:
             data["q_W_m2"] = np.concatenate(q).astype(np.float32)
             data["q_W_m2"].attrs["units"] = "W/m2"
             _steps(leaf, times, n)
-        steps = root.create_group("Steps")  # without it the reader offers only the first time
+        steps = root.create_group("Steps")  # VTK 9.7 offers only the first time without it, 9.4 stumbles over it
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
         assembly = root.create_group("Assembly", track_order=True)
@@ -118,7 +118,7 @@ def _steps(leaf, times: np.ndarray, cells: int) -> None:
 
 
 def write_pvd(run: Run, folder: Path) -> Path:
-    """Write a .pvd collection of rectilinear grids for ParaView older than VTK 9.4."""
+    """Write a .pvd collection of rectilinear grids for ParaView on VTK older than 9.5."""
     import pyvista as pv
 
     folder.mkdir(parents=True, exist_ok=True)

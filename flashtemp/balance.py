@@ -1,8 +1,8 @@
 """The heat balance C dh/dt = Q of a scene: capacities, resistances, sites and ledger.
 
 The state is the enthalpy rise h of every cell over rho c (K above ambient; the temperature rise
-itself while rho c is constant), followed by the ledger: energies (J per metre across) that the
-same integrator carries along, so that the audit shares every step with the temperatures.
+itself while rho c is constant), the worn depth of every line under the block, and the ledger: energies
+(J per metre across) that the same integrator carries along, so that the audit shares every step.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import numpy as np
 
 from flashtemp import kernels
 from flashtemp.errors import SolverFailure
-from flashtemp.laws import Laws
+from flashtemp.foundation import Foundation
+from flashtemp.laws import Laws, laws_mean
 from flashtemp.scene import Scene
 from flashtemp.sites import Sites
 
 LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
+FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
 class Balance:
@@ -49,8 +51,14 @@ class Balance:
         self.share = self._reference_fraction()
         self.sites = Sites(scene, self.laws, k)
         self.ledger = LEDGER + tuple(sorted(self.sites.ledgers()))
-        self.entry = {name: self.n + i for i, name in enumerate(self.ledger)}
-        self.size = self.n + len(self.ledger)
+        self.worn = slice(self.n, self.n + len(self.cell_block))
+        self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
+        self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))
+        self.size = self.books.stop
+        self.foundation = Foundation(mesh.x_block, mesh.dx_block, scene.length, scene.stiffness)
+        # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
+        self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
+        self.abrades = self.laws.has("block.abrasion") or self.laws.has("holder.compliance")
 
     def _reference_fraction(self) -> float:
         """Contact fraction at the highest mean pressure: the constant weight of lanes in the audit.
@@ -104,6 +112,19 @@ class Balance:
         if self.capacity_gradient is None:
             return rise
         return rise * (1 + 0.5 * self.capacity_gradient * rise)
+
+    def initial(self) -> np.ndarray:
+        """State (size,) before the first start: all at ambient temperature, the block worn as given."""
+        mesh, y = self.scene.mesh, np.zeros(self.size)
+        if self.laws.has("block.worn"):
+            now = self.scene.moment(self.scene.schedule.phases[0], 0.0)
+            depth = laws_mean(self.laws, "block.worn", mesh.x[mesh.first : mesh.last + 1], now, 0.0)
+            y[self.worn] = depth / self.worn_unit
+        return y
+
+    def worn_depth(self, y: np.ndarray) -> np.ndarray:
+        """Worn depth (lines,) in m of a state."""
+        return y[self.worn] * self.worn_unit
 
     def stored(self, y: np.ndarray) -> tuple[float, float]:
         """Heat in block and in road lanes above ambient, J per metre across."""

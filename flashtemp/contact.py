@@ -23,14 +23,14 @@ class ContactState:
     """What the contact laws give along the block (lines,), apart from temperature.
 
     `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction, `pressure` local nominal pressure (Pa),
-    `r` = 1/alpha and `flash` (m2 K/W), `lane` factor on the road rise, `split` chi, `surface`
+    `r` = 1/alpha, growing without bound where the block lifts off, and `flash` (m2 K/W), `lane` factor on the road rise, `split` chi, `surface`
     share of the heat released at the interface, `deep` flash of the deposits (m2 K/W).
     """
 
     m: np.ndarray
     phi: np.ndarray
     pressure: np.ndarray
-    r: float
+    r: np.ndarray
     flash: np.ndarray
     lane: np.ndarray
     split: float
@@ -55,13 +55,16 @@ class Slopes(NamedTuple):
     block: tuple[np.ndarray, np.ndarray]  # of J_R
     road: tuple[np.ndarray, np.ndarray]  # of J_S
     heat: tuple[np.ndarray, np.ndarray]  # of q
+    spot: tuple[np.ndarray, np.ndarray]  # of the temperature in the spots
+    mu: tuple[np.ndarray, np.ndarray]
 
 
 def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, guess=None, slopes=False):
     """Fluxes (and with `slopes` their derivatives) for first-cell temperatures T0, Ts in K (lines,).
 
     `under` K is the temperature of the entering road, `half_block`, `half_road` half-cell
-    resistances m2 K/W, `friction(T)` the friction coefficient at the spot temperature.
+    resistances m2 K/W, `friction(T, apart)` the friction coefficient at the spot temperature; `apart`
+    asks for its slope in T alone.
     Raises SolverFailure when the friction law has no consistent temperature.
     """
     A = state.phi * half_block + state.flash
@@ -79,18 +82,19 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, g
     out = Fluxes(J, S, q, mu, T, lane)
     if not slopes:
         return out
-    dq = state.m * dmu / (1.0 - b * dmu)
-    q0, q1 = dq * (1.0 - A * g), dq * (A * g * state.lane)
+    rise = 1.0 / (1.0 - b * dmu)
+    T0, T1 = rise * (1.0 - A * g), rise * (A * g * state.lane)
+    q0, q1 = state.m * dmu * T0, state.m * dmu * T1
     J0, J1 = g * (gain * q0 - 1.0), g * (gain * q1 + state.lane)
     s = state.surface
-    return out, Slopes((J0, J1), (s * q0 - J0, s * q1 - J1), (q0, q1))
+    return out, Slopes((J0, J1), (s * q0 - J0, s * q1 - J1), (q0, q1), (T0, T1), (dmu * T0, dmu * T1))
 
 
 def _spot_temperature(a, b, friction, guess):
     """Solve T = a + b mu(T) for every line; derivatives of a and b pass through exactly."""
-    T = np.array(a if guess is None or np.iscomplexobj(a) else guess)
+    T, derived = np.array(np.real(a) if guess is None else guess), np.iscomplexobj(a) or np.iscomplexobj(b)
     for attempt in range(60):
-        value = friction(T.real + 1j * STEP)
+        value = friction(T + 1j * STEP, True)
         mu, dmu = value.real, value.imag / STEP
         if not np.any(dmu):
             mu = friction(a)
@@ -99,11 +103,12 @@ def _spot_temperature(a, b, friction, guess):
         step = (T.real - a.real - b.real * mu) / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
         if attempt > 15:
             step = 0.5 * step
-        T = T.real - step
+        T = T - step
         if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
-            if np.iscomplexobj(a):  # one complex step at the solution carries the derivative
-                T = T - (T - a - b * mu) / slope
-                mu = mu + dmu * 1j * T.imag
+            if derived:  # one complex step at the solution carries the derivative
+                mu = friction(T)
+                turn = (T - a - b * mu) / slope
+                T, mu = T - turn, mu - dmu * turn
             else:
                 mu = mu + dmu * (-step)
                 T = a + b * mu

@@ -292,14 +292,14 @@ def road_driven(rubber: Material, road: Material, length: float, spot_fraction: 
     return 1 - erfcx(per_root_speed * np.sqrt(distance) / rubber.effusivity)
 
 
-def wear_relaxation(stiffness: float, wear: float, slid):
-    """V17: what is left (1) of a pressure deviation; Winkler `stiffness` Pa/m, `wear` m3/(N m), `slid` m."""
-    return np.exp(-stiffness * wear * slid)
+def abrasion_relaxation(stiffness: float, rate: float, slid):
+    """V17: what is left (1) of a pressure deviation; Winkler `stiffness` Pa/m, `rate` m3/(N m), `slid` m."""
+    return np.exp(-stiffness * rate * slid)
 
 
-def wear_depth(wear: float, pressure: float, slid):
+def abrasion_depth(rate: float, pressure: float, slid):
     """V17: mean worn depth in m at a mean pressure in Pa."""
-    return wear * pressure * slid
+    return rate * pressure * slid
 
 
 # --- lanes ------------------------------------------------------------------------------------------

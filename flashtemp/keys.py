@@ -19,6 +19,10 @@ TABLES: dict[str, dict[str, Param]] = {
         "width": Param(0.05, "m", "width across the direction of sliding", low=1e-4, high=10.0),
         "height": Param(0.007, "m", "height from the face to the holder", low=1e-4, high=1.0),
         "material": Param("tread_rubber", "", "name of a material", kinds=TEXT),
+        "stiffness": Param(
+            1.4e9, "Pa/m", "pressure per compression of the block between holder and road, E_c/height",
+            low=1e3, high=1e14,
+        ),
     },
     "road": {
         "material": Param("asphalt", "", "name of a material", kinds=TEXT),

@@ -63,8 +63,8 @@ class Laws:
         return sizes
 
 
-def laws_mean(laws: Laws, target: str, edges, now):
-    """Cell means of a quantity whose laws depend on x; exactly 1 where no law speaks."""
+def laws_mean(laws: Laws, target: str, edges, now, base: float = 1.0):
+    """Cell means of a quantity whose laws depend on x; exactly `base` where no law speaks."""
     if not laws.has(target):
-        return np.ones(len(edges) - 1)
-    return gauss_mean(lambda x: laws(target, 1.0, None, now._replace(x=x)) + 0.0 * x, edges)
+        return np.full(len(edges) - 1, base)
+    return gauss_mean(lambda x: laws(target, base, None, now._replace(x=x)) + 0.0 * x, edges)

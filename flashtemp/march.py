@@ -74,7 +74,7 @@ def march(
     """
     began = clock.perf_counter()
     balance = Balance(scene)
-    now = state or Progress(y=np.zeros(balance.size), left=np.zeros(2))
+    now = state or Progress(y=balance.initial(), left=np.zeros(2))
     spent = now.wall
     if now.track is None and scene.schedule.lap is not None:
         now.track = replace(_track(scene), **(now.columns or {}))
@@ -142,7 +142,7 @@ def _explain(balance, stage, t, y, fault) -> str:
     x, z = mesh.x_centre[mesh.line[cell]], mesh.z_centre[cell]
     T = balance.rise(h) + balance.scene.ambient
     moment = stage.moment(t)
-    moment = moment._replace(x=mesh.x_block, spot_fraction=stage.contact_state(moment).phi)
+    moment = moment._replace(x=mesh.x_block, spot_fraction=stage.meet(moment, y).state.phi)
     sizes = balance.laws.contributors(T[balance.cell_block], moment)
     effect = max(sizes, key=sizes.get) if sizes else "none"
     return (
@@ -181,7 +181,7 @@ def _leave(scene, stage, t, y, track) -> None:
     if track.place and place - track.place[-1] < track.lap / 400:
         return
     column, drift = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]], now.ambient - scene.ambient
-    share = float(np.mean(stage.contact_state(now).phi))
+    share = float(np.mean(stage.meet(now, y).state.phi))
     track.leave(t, place, column - drift, stage.entering(now) - drift, share)
 
 
@@ -195,12 +195,12 @@ def _restart(scene, balance, before, now) -> None:
     rise = np.zeros(balance.n)
     rise[road] = stage.entering(moment)
     if not scene.schedule.lifted:
-        state = stage.contact_state(moment)
+        state = stage.meet(moment, y).state
         every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
         spread = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
         rise[road] += spread[:, None] * (balance.rise(y[: balance.n])[road] - rise[road])
     elif now.track is not None:
-        share = float(np.mean(stage.contact_state(moment).phi))
+        share = float(np.mean(stage.meet(moment, y).state.phi))
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
         left = mixed * (balance.rise(y[: balance.n])[road] - rise[road])
         rise[road] += balance.laws("road.inflow", 0.0, None, moment._replace(carried=left))
@@ -214,14 +214,13 @@ def _record(balance, stage, t, y, now, frame) -> None:
     scene, mesh, n = balance.scene, balance.scene.mesh, balance.n
     moment = stage.moment(t)
     T = balance.rise(y[:n])
-    state = stage.contact_state(moment)
     entering = stage.entering(moment)
     _, _, kf = stage.conduction(T, moment)
     C0 = scene.ambient - KELVIN
     under = entering[-1]
     mu = np.nan
-    if moment.touching:
-        flux = stage.contact_fluxes(state, moment, T, entering, kf)
+    state, press, flux, _ = stage.meet(moment, y, T, entering, kf)
+    if flux is not None:
         if stage.phase.sliding:
             load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
             mu = float((flux.mu * load).sum() / load.sum())
@@ -241,7 +240,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
     cells = T + C0
     cells[mesh.road] = C0 + entering + lanes[:, None] * (T[mesh.road] - entering)
     block, road = np.add(balance.stored(y), now.left)
-    energy = dict(zip(balance.ledger, y[n:], strict=True)) | {
+    energy = dict(zip(balance.ledger, y[balance.books], strict=True)) | {
         "block": block,
         "lanes": road,
         "share": balance.share,
@@ -256,6 +255,8 @@ def _record(balance, stage, t, y, now, frame) -> None:
         "T_road": lane,
         "pressure": state.pressure * (1.0 if moment.touching else 0.0),
         "friction": mu,
+        "worn": balance.worn_depth(y),
+        "tilt": 2.0 * press.tilt / (balance.foundation.stiffness * scene.length),
         "energy": list(energy.values()),
     }
     if frame:
@@ -288,6 +289,8 @@ def _finish(scene, balance, now, title) -> Run:
         T_road=np.array(r["T_road"]),
         pressure=np.array(r["pressure"]),
         friction=np.array(r["friction"]),
+        worn=np.array(r["worn"]),
+        tilt=np.array(r["tilt"]),
         energy=energy,
         frames=np.array(r["frames"]),
         field=np.array(r["cells"]),

@@ -18,7 +18,8 @@ class Run:
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
     `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `friction` (n,) load
-    weighted; `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
+    weighted; `worn` (n, lines) worn depth in m; `tilt` (n,) of the holder in rad, leading edge down;
+    `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
     `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
     """
 
@@ -33,6 +34,8 @@ class Run:
     T_road: np.ndarray
     pressure: np.ndarray
     friction: np.ndarray
+    worn: np.ndarray
+    tilt: np.ndarray
     energy: dict[str, np.ndarray]
     frames: np.ndarray
     field: np.ndarray

@@ -33,6 +33,7 @@ class Moment(NamedTuple):
     x: Any = None  # m from the leading edge
     local_pressure: Any = None  # Pa at x
     spot_fraction: Any = None  # macroasperity contact fraction at x
+    friction: Any = None  # friction coefficient at x
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
 
@@ -54,7 +55,8 @@ class Acting:
 class Scene:
     """A block on a road: everything the balance needs, nothing about files or solvers.
 
-    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions.
+    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions; `stiffness` of
+    the block as a spring foundation, Pa per m of compression.
     """
 
     mesh: Mesh
@@ -68,6 +70,7 @@ class Scene:
     width: float
     spot_diameter: float
     track_length: float | None = None
+    stiffness: float = 1.4e9
 
     def moment(self, phase, t: float) -> Moment:
         """The schedule at time t within a phase."""

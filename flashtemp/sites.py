@@ -34,11 +34,11 @@ class Sites:
 
     def exchange(self, now, T, kf, q, led) -> None:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
-        coefficients = self._films(now)
+        coefficients = self._films(now, T.dtype)
         total, surface = (a.astype(T.dtype) for a in (self.total, self.surface))
         kernels.exchange(self.offset, self.cell, self.area, self.half, kf, self.film, self.far, T, q, total, surface)
         for s, site in enumerate(self.names):
-            if self.film[s] < np.inf:
+            if np.real(self.film[s]) < np.inf:
                 area = self.area[self.offset[s] : self.offset[s + 1]].sum()
                 self._book(site, coefficients[s], total[s], surface[s], area, led)
         for to, cells, heat in self._general(now, T + self.scene.ambient, kf):
@@ -71,9 +71,10 @@ class Sites:
         inner = half / (self.k * kf)[cell]
         return T[cell] + (self.far[s] - T[cell]) * inner / (inner + self.film[s])
 
-    def _films(self, now) -> list[list[tuple[float, float]]]:
+    def _films(self, now, dtype=float) -> list[list[tuple[float, float]]]:
         """Film resistance and far rise of every site, several films combined; (h, far) of each."""
         out = []
+        self.film = np.empty(len(self.names), dtype=dtype)
         for s, site in enumerate(self.names):
             each = [
                 (part.law(now, p), (now.ambient if part.far is None else part.far(now, p)) - self.scene.ambient)
@@ -81,8 +82,8 @@ class Sites:
             ]
             h = sum(c for c, _ in each)
             fixed = [far for c, far in each if c == np.inf]
-            self.film[s] = 1.0 / h if h > 0 else np.inf
-            self.far[s] = fixed[0] if fixed else (sum(c * far for c, far in each) / h if h > 0 else 0.0)
+            self.film[s] = 1.0 / h if np.real(h) > 0 else np.inf
+            self.far[s] = fixed[0] if fixed else (np.real(sum(c * far for c, far in each) / h) if np.real(h) > 0 else 0.0)
             out.append(each)
         return out
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp import contact, kernels
+from flashtemp import kernels
 from flashtemp.balance import Balance
+from flashtemp.coupling import Coupling
 from flashtemp.errors import SolverFailure
-from flashtemp.laws import laws_mean
+from flashtemp.footprint import Footprint, Meeting
 
 
 class Stage:
@@ -18,7 +19,7 @@ class Stage:
         self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         mesh, n = balance.scene.mesh, balance.n
         lines = mesh.n_lines
-        self._key = self._state = self._guess = None
+        self.footprint = Footprint(balance)
         self.own = np.zeros(n)
         self.up, self.down = np.zeros(lines), np.zeros(lines)
         self.factors = tuple(np.empty(n) for _ in range(5))
@@ -34,47 +35,6 @@ class Stage:
             now = now._replace(ambient=laws("ambient.temperature", now.ambient, None, now))
         return now
 
-    def contact_state(self, now) -> contact.ContactState:
-        """Contact laws along the block, evaluated again only when something they see has changed."""
-        b = self.b
-        D, mesh = b.scene.spot_diameter, b.scene.mesh
-        if b.laws.restless or len(now.history.value) > 1:
-            key = (now.t,)
-        else:  # nothing changes once spots and lanes have crossed the block
-            age = min(now.contact_time - now.waited, mesh.x[mesh.last] / now.last_speed)
-            key = (now.pressure, now.touching, min(now.slid, D), age, now.waited)
-        if key == self._key:
-            return self._state
-        laws = b.laws
-        edges = mesh.x[mesh.first : mesh.last + 1]
-        shape = laws_mean(laws, "contact.pressure", edges, now)
-        shape = np.maximum(shape, 0.0)
-        shape = shape / (np.sum(shape * mesh.dx_block) / np.sum(mesh.dx_block))
-        local = now.pressure * shape
-        now = now._replace(x=mesh.x_block, local_pressure=local)
-        phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones_like(local)
-        phi = np.clip(phi, 1e-6, 1.0)
-        now = now._replace(spot_fraction=phi)
-        heat = now.pressure * shape * now.speed if now.touching else 0.0 * shape
-        flash = laws("contact.flash_resistance", 0.0, None, now) * np.ones_like(local)
-        deep = np.zeros_like(local)
-        if flash.any():
-            for d in b.volumetric:
-                deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
-        state = contact.ContactState(
-            m=heat / phi,
-            phi=phi,
-            pressure=local,
-            r=float(laws("contact.resistance", 0.0, None, now)),
-            flash=flash,
-            lane=laws("road.lane_rise", 1.0, None, now) * np.ones_like(local),
-            split=float(laws("contact.heat_split", 0.0, None, now)),
-            surface=b.surface_share,
-            deep=deep,
-        )
-        self._key, self._state = key, state
-        return state
-
     def entering(self, now) -> np.ndarray:
         """Temperature rise (n_road,) of the road that enters now, deepest cell first."""
         drift = now.ambient - self.b.scene.ambient
@@ -83,9 +43,13 @@ class Stage:
         carried = self.inflow(now)
         return self.b.laws("road.inflow", drift + 0.0 * carried, None, now._replace(carried=carried))
 
+    def meet(self, now, y, T=None, T_in=None, kf=None) -> Meeting:
+        """Block and road at a state y: pressure, contact laws and, at rises T (cells,), fluxes."""
+        return self.footprint.meet(now, self.b.worn_depth(y), T, T_in, kf)
+
     # --- rate --------------------------------------------------------------------------------
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
-        """dy/dt of cells (K/s) and ledger (W/m) at time t (s)."""
+        """dy/dt of cells (K/s), worn depth (units per s) and ledger (W/m) at time t (s)."""
         self.calls["rate"] += 1
         b, mesh, n = self.b, self.b.scene.mesh, self.b.n
         now = self.moment(t)
@@ -101,9 +65,9 @@ class Stage:
             mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(y.dtype), h_in.astype(y.dtype), b.g_in, q
         )
         led = dict.fromkeys(b.ledger, 0.0)
-        state = self.contact_state(now)
-        if now.touching:
-            flux = self.contact_fluxes(state, now, T, T_in, kf)
+        meeting = self.meet(now, y, T, T_in, kf)
+        state, flux = meeting.state, meeting.flux
+        if flux is not None:
             dx = mesh.dx_block
             block = state.phi * flux.into_block * dx
             road = flux.into_road * dx
@@ -115,14 +79,16 @@ class Stage:
             led["friction"] = power.sum()
             led["into_road"] = (state.phi * road).sum()
             led["lane_in"] = road.sum()
+            if b.abrades:
+                out[b.worn] = self.footprint.abrasion_rate(meeting, now) / b.worn_unit
         b.sites.exchange(now._replace(spot_fraction=state.phi), T, kf, q, led)
         a, z = mesh.start[0], mesh.start[-2]
         m = mesh.n_road
         leave = carry * (h[z : z + m] + b.slope[-1] * (h[z : z + m] - h[mesh.start[-3] : mesh.start[-3] + m]))
         led["lane_out"] = (leave - carry * h_in - b.g_in * (T_in - T[a : a + m])).sum()
         q /= b.capacity
-        for i, name in enumerate(b.ledger):
-            out[n + i] = led[name]
+        for name, i in b.entry.items():
+            out[i] = led[name]
         if not np.isfinite(out.sum()):
             raise SolverFailure("the heat balance is no longer finite")
 
@@ -140,30 +106,6 @@ class Stage:
         kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, f, gx, gz)
         return gx, gz, f
 
-    def contact_fluxes(self, state, now, T, T_in, kf, slopes=False):
-        """Interface fluxes at rises T (cells,) with road entering at T_in (n_road,)."""
-        b = self.b
-        ambient = b.scene.ambient
-        at = now._replace(x=b.scene.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi)
-
-        def friction(T):
-            return b.laws("friction.mu", 0.0, T, at) + 0.0 * T
-
-        out = contact.solve(
-            state,
-            T[b.cell_block] + ambient,
-            T[b.cell_road] + ambient,
-            T_in[-1] + ambient,
-            b.half_block / kf[b.cell_block],
-            b.half_road / kf[b.cell_road],
-            friction,
-            self._guess,
-            slopes,
-        )
-        flux = out[0] if slopes else out
-        self._guess = np.real(flux.spot)
-        return out
-
     # --- preconditioner ------------------------------------------------------------------------
     def setup(self, t: float, y: np.ndarray, gamma: float) -> None:
         """Linearise at (t, y) and factorise P = I - gamma J by depth lines."""
@@ -174,21 +116,23 @@ class Stage:
         self.gx, self.gz, kf = self.conduction(T, now)
         self.gamma, self.carry = gamma, self.carry_unit * now.speed
         self.stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
-        self._linearise(now, T, kf)
+        self._linearise(now, y, T, kf)
         inv, mul, low, low2, high = self.factors
         kernels.factorise(
             mesh.start, mesh.n_road, b.capacity, self.gx, self.gz, self.carry, b.slope, b.g_in, gamma,
             self.own, self.up, self.down, b.share, self.stretch, inv, mul, low, low2, high,
         )  # fmt: skip
 
-    def _linearise(self, now, T, kf) -> None:
+    def _linearise(self, now, y, T, kf) -> None:
         b, mesh = self.b, self.b.scene.mesh
         self.own[:] = self.up[:] = self.down[:] = 0.0
         rows: dict[str, list] = {name: [] for name in b.ledger}
-        state, T_in = self.contact_state(now), self.entering(now)
+        T_in = self.entering(now)
+        meeting = self.footprint.meet(now, b.worn_depth(y), T, T_in, kf, slopes=True)
+        state, d = meeting.state, meeting.slopes
         b.sites.slopes(now._replace(spot_fraction=state.phi), T, kf, self.own, rows)
-        if now.touching:
-            _, d = self.contact_fluxes(state, now, T, T_in, kf, slopes=True)
+        self.coupling = None
+        if d is not None:
             dx, phi = mesh.dx_block, state.phi
             deep = phi * (1.0 - state.surface) * dx
             on = slice(mesh.first, mesh.last)
@@ -202,6 +146,8 @@ class Stage:
                 ("lane_in", dx, d.road),
             ):
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
+            if b.abrades:
+                self.coupling = Coupling(self.footprint, meeting, now, T, T_in, kf, self.gamma)
         last = mesh.road[-2:]
         leave, before = (self.carry * self.stretch[cells] for cells in (last[1], last[0]))
         rows["lane_out"] += [
@@ -231,19 +177,28 @@ class Stage:
         q /= b.capacity
         for i, index, weight in self.rows:
             out[i] = weight @ T[index]
+        if self.coupling is not None:
+            w = self.coupling
+            out[b.worn] = w.heated(T[b.cell_block], T[b.cell_road])
+            w.add(w.pressure(v[b.worn]), out)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
         """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""
         self.calls["solve"] += 1
         b, mesh, n = self.b, self.b.scene.mesh, self.b.n
         inv, mul, low, low2, high = self.factors
-        T = z[:n]
+        T, w = z[:n], self.coupling
+        if w is not None:  # abrasion first: it moves the pressure, and that the heat
+            r = r.copy()
+            w.add(w.pressure(w.undo(r[b.worn])), r, self.gamma)
+        z[n:] = r[n:]
         kernels.sweep(
             mesh.start, mesh.n_road, b.capacity, self.gamma, self.up, self.down,
             inv, mul, low, low2, high, r[:n], T,
         )  # fmt: skip
-        z[n:] = r[n:]
         for i, index, weight in self.rows:
             z[i] += self.gamma * (weight @ T[index])
+        if w is not None:
+            z[b.worn] += self.gamma * w.heated(T[b.cell_block], T[b.cell_road])
         if b.capacity_gradient is not None:
             T *= self.stretch

@@ -87,7 +87,7 @@ def fluxes(scene, rise):
     stage = Stage(Balance(scene), scene.schedule.phases[-1])
     now = stage.moment(scene.schedule.end)
     T_in = stage.entering(now)
-    return stage.contact_fluxes(stage.contact_state(now), now, rise, T_in, stage.b.ones)
+    return stage.footprint.meet(now, 0.0, rise, T_in, stage.b.ones).flux
 
 
 def column(cells, height, first, refine=1):

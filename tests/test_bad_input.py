@@ -143,7 +143,7 @@ FAULTS = [
     Bad("no profile", PROFILE, "pressure_profile.profile", "missing", "rows"),
     Bad("profile of one row", PROFILE + "[pressure_profile]\nprofile = [[0, 1.5]]\n", "pressure_profile.profile", "1 row", "two rows"),
     Bad("profile of zeros", PROFILE + "[pressure_profile]\nprofile = [[0, 0], [1, 0]]\n", "pressure_profile.profile", "zero"),
-    Bad("profile zero under the block", PROFILE + "[pressure_profile]\nprofile = [[0, 0], [1, 0], [2, 3]]\n", "contact.pressure", "0 at most"),
+    Bad("profile zero under the block", PROFILE + "[pressure_profile]\nprofile = [[0, 0], [1, 0], [2, 3]]\n", "contact.pressure", "0 on average"),
     Bad("profile negative", PROFILE + "[pressure_profile]\nprofile = [[0, -1], [1, 2]]\n", "pressure_profile.profile", "-1", ">= 0"),
     Bad("track shorter than the road shown", "effects = ['track_memory']\n[road]\ntrack_length = 0.03\n", "road.track_length", "0.03", "longer"),
     # what a fit may move

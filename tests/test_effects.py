@@ -28,7 +28,8 @@ OPTIONAL = [n for n in EVERY if not catalogue()[n].base]
 BASE = [n for n in EVERY if catalogue()[n].base]
 HEATING = [n for n in OPTIONAL if catalogue()[n].heat is not Effect.heat]  # the others act on the picture only
 NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]}}
-ARRAYS = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "pressure", "friction", "field", "frames")
+WITH = {"wear": ("edge_pressure",)}  # a uniform pressure wears evenly and stays uniform
+ARRAYS = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "pressure", "friction", "worn", "tilt", "field", "frames")
 SMALL = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
     "block.height": 0.002,
     "road.track_length": 0.15,
@@ -93,7 +94,7 @@ def test_off_is_the_base_bit_for_bit(run, name, lifted):
 
 @pytest.mark.parametrize("name", HEATING)
 def test_acts_at_its_defaults(run, name):
-    on, base = run((name,)), run(())
+    on, base = run((*WITH.get(name, ()), name)), run(WITH.get(name, ()))
     rise = [np.interp(0.39, r.slid[r.sliding], r.T_spot[r.sliding].max(axis=1)) for r in (on, base)]
     assert abs(rise[0] - rise[1]) > 1e-3
 
@@ -134,9 +135,9 @@ def smooth(mesh, rng) -> np.ndarray:
     return 8 + 4 * np.cos(2 * x + a) * np.exp(-np.abs(z)) + 3 * np.sin(3 * x + z + b)
 
 
-def stages(case, name, lifted):
+def stages(case, name, lifted, **given):
     """Balance with a stage in the middle of sliding and of waiting, at a random smooth state."""
-    values = RICH | {"schedule.lifted": lifted}
+    values = RICH | {"schedule.lifted": lifted} | given
     if name == "heat_depth":
         values |= {"friction.volumetric_share": 0.0}
     scene = build(case(*([name] if name else []), values=values))
@@ -148,7 +149,22 @@ def stages(case, name, lifted):
         rng = np.random.default_rng(7)
         y = np.zeros(balance.size)
         y[: balance.n] = balance.enthalpy(smooth(scene.mesh, rng))
+        if balance.abrades:
+            y[balance.worn] = 3 * np.cos(3 * scene.mesh.x_block / 0.025)  # the pressure varies by 15 %
         yield balance, Stage(balance, phase, inflow), 0.5 * (phase.begin + phase.end), y, rng
+
+
+def direction(balance, cells, rng) -> np.ndarray:
+    """A direction of the state: cells as given and, where the worn depth acts, random depths."""
+    v = np.concatenate([cells, np.zeros(balance.size - balance.n)])
+    if balance.abrades:
+        v[balance.worn] = rng.normal(size=balance.worn.stop - balance.n)
+    return v
+
+
+def parts(balance) -> tuple[slice, slice, slice]:
+    """Cells, worn depth and ledger of a state."""
+    return slice(0, balance.n), balance.worn, balance.books
 
 
 def product(balance, stage, t, y, v) -> np.ndarray:
@@ -174,12 +190,12 @@ def heat_weights(balance, share) -> np.ndarray:
 def test_jacobian_is_exact(case, name, lifted):
     for balance, stage, t, y, rng in stages(case, name, lifted):
         for v in (smooth(balance.scene.mesh, rng) - 8, rng.normal(size=balance.n)):
-            v = np.concatenate([v, np.zeros(balance.size - balance.n)])
+            v = direction(balance, v, rng)
             J = product(balance, stage, t, y, v)
             up, down = np.zeros(balance.size), np.zeros(balance.size)
             stage.rate(t, y + 1e-3 * v, up)
             stage.rate(t, y - 1e-3 * v, down)
-            for part in (slice(0, balance.n), slice(balance.n, None)):
+            for part in parts(balance):
                 noise = 1e-9 * np.abs(J[part]).max()
                 np.testing.assert_allclose(J[part], ((up - down) / 2e-3)[part], rtol=1e-6, atol=noise)
 
@@ -190,12 +206,25 @@ def test_linearisation_used_by_the_solver(case, name, lifted):
     """`times` is J v, but for the slope of k(T) and for where mu(T) puts heat in the depth: those by little."""
     for balance, stage, t, y, rng in stages(case, name, lifted):
         bent = balance.nonlinear_conductivity or "friction.mu" in balance.laws.factors
-        v = np.concatenate([smooth(balance.scene.mesh, rng) - 8, np.zeros(balance.size - balance.n)])
+        bent |= balance.abrades  # lanes and gaps follow the mean contact fraction, which is left out
+        v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
         J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
         stage.setup(t, y, 1e-2)
         stage.times(v, out)
-        for part in (slice(0, balance.n), slice(balance.n, None)):
+        for part in parts(balance):
             assert np.linalg.norm((out - J)[part]) <= (0.03 if bent else 1e-10) * np.linalg.norm(J[part])
+
+
+@pytest.mark.parametrize("name", ["wear", "friction_moment"])
+def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(case, name):
+    fixed = {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0}
+    for balance, stage, t, y, rng in stages(case, name, True, **fixed):
+        v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
+        J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
+        stage.setup(t, y, 1e-2)
+        stage.times(v, out)
+        for part in parts(balance):
+            assert np.linalg.norm((out - J)[part]) <= 1e-10 * np.linalg.norm(J[part])
 
 
 @pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])

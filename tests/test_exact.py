@@ -283,10 +283,10 @@ def test_V16_road_driven():
 
 
 def test_V17_wear():
-    assert exact.wear_relaxation(1.4e9, 6e-11, 3.5) == printed("0.745276")
-    assert exact.wear_relaxation(1.4e9, 6e-11, 35.0) == printed("0.0528657")
-    assert exact.wear_relaxation(1.4e9, 6e-11, 11.904762) == pytest.approx(1 / e, rel=1e-7)
-    assert exact.wear_depth(6e-11, 0.25e6, 35.0) * 1e6 == printed("525.0")
+    assert exact.abrasion_relaxation(1.4e9, 6e-11, 3.5) == printed("0.745276")
+    assert exact.abrasion_relaxation(1.4e9, 6e-11, 35.0) == printed("0.0528657")
+    assert exact.abrasion_relaxation(1.4e9, 6e-11, 11.904762) == pytest.approx(1 / e, rel=1e-7)
+    assert exact.abrasion_depth(6e-11, 0.25e6, 35.0) * 1e6 == printed("525.0")
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ class Flash(Effect):
             return D / now.speed, overlap_integral(now.slid / D) / FULL
 
         def surface(T, now, p):
-            if np.min(now.spot_fraction) >= 1.0:
+            if np.min(np.real(now.spot_fraction)) >= 1.0:
                 return 0.0
             time, built = residence(now)
             theta = FULL / np.sqrt(np.pi) * np.sqrt(time) * built / rubber.effusivity

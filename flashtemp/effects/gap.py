@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> [film] = Gap().heat(None, None)
->>> film.law(N(touching=True, spot_fraction=0.2), N(gap_coefficient=10.0))
+>>> float(film.law(N(touching=True, spot_fraction=0.2), N(gap_coefficient=10.0)))
 8.0
 """
 
@@ -28,6 +28,6 @@ class Gap(Effect):
         """Film on the face while it touches the road."""
 
         def law(now, p):
-            return (1.0 - float(np.mean(now.spot_fraction))) * p.gap_coefficient if now.touching else 0.0
+            return (1.0 - np.mean(now.spot_fraction)) * p.gap_coefficient if now.touching else 0.0
 
         yield Heat.film("block.face", law)

@@ -14,6 +14,8 @@ from scipy.special import ive
 
 from flashtemp.effect import Effect, Factor, Param
 
+FRACTION = 0.01  # distance between the contact fractions for which the retained heat is tabulated
+
 
 def retained(tau, diameter, diffusivity):
     """R(tau): share of heat still under a disc of the given diameter, eq. (15b)."""
@@ -22,7 +24,7 @@ def retained(tau, diameter, diffusivity):
     return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=128)
 def _kept(fraction: float) -> CubicSpline:
     """K(u) = integral of max(R, phi) d(sqrt theta) over u = sqrt(theta), theta = D_S t/diameter^2."""
     u = np.concatenate([[0.0], np.geomspace(1e-4, 30.0, 600)])
@@ -39,9 +41,17 @@ def mean_factor(entered, left, diameter, diffusivity, fraction):
     scale = np.sqrt(diffusivity) / diameter
     a = np.minimum(np.sqrt(np.maximum(left, 0.0)) * scale, 29.0)
     b = np.minimum(np.sqrt(np.maximum(entered, 1e-12)) * scale, 30.0)
-    K = _kept(float(fraction))
     apart = b - a > 1e-6
-    return np.where(apart, (K(b) - K(a)) / np.where(apart, b - a, 1.0), K(b, 1))
+
+    def of(node):
+        K = _kept(node * FRACTION)
+        return np.where(apart, (K(b) - K(a)) / np.where(apart, b - a, 1.0), K(b, 1))
+
+    place = fraction / FRACTION
+    below = int(np.real(place) + 1e-9)  # linear between nodes: a fraction that moves does not jump
+    return of(below) if abs(place - below) < 1e-9 and np.isreal(place) else (
+        (below + 1 - place) * of(below) + (place - below) * of(below + 1)
+    )
 
 
 class Lanes(Effect):
@@ -60,15 +70,15 @@ class Lanes(Effect):
         D, material, L = scene.spot_diameter, scene.road, scene.length
 
         def law(T, now, p):
-            phi = float(np.mean(now.spot_fraction))
-            if phi >= 1.0:
+            phi = np.mean(now.spot_fraction)
+            if np.real(phi) >= 1.0:
                 return 1.0
             slid_for = now.contact_time - now.waited
             x = np.maximum(now.x, 0.0)
             entered = now.history.ago(slid_for, x)
             left = now.history.ago(slid_for, np.maximum(x - L, 0.0))
             rest = 0.0 if now.touching else now.waited
-            f = mean_factor(entered + now.waited, left + rest, D, material.diffusivity, round(phi, 3))
+            f = mean_factor(entered + now.waited, left + rest, D, material.diffusivity, phi)
             return 1.0 - p.lane_widening * (1.0 - f)
 
         yield Factor("road.lane_rise", law)

@@ -27,8 +27,8 @@ class SpotSaturation(Effect):
         """Multiplies the unsaturated fraction `now.base`."""
 
         def law(T, now, p):
-            u = 0.5 * np.sqrt(np.pi) * np.asarray(now.base, dtype=float) * p.saturation
-            safe = np.where(u > 0, u, 1.0)
-            return np.where(u > 0, 0.5 * np.sqrt(np.pi) * erf(safe) / safe, 1.0)
+            u = 0.5 * np.sqrt(np.pi) * np.asarray(now.base) * p.saturation
+            safe = np.where(np.real(u) > 0, u, 1.0)
+            return np.where(np.real(u) > 0, 0.5 * np.sqrt(np.pi) * erf(safe) / safe, 1.0)
 
         yield Factor("contact.spot_fraction", law)

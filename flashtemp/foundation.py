@@ -1,0 +1,136 @@
+"""Nominal contact pressure of a rubber block pressed on a road by its holder: a spring foundation.
+
+Pressure follows from the load at every instant, and from the friction moment where the holder can
+turn (theory 7.1).  With f = p_mean shape - k_n w, the pressure of the worn block before it settles:
+    p = max(0, f + c + t xi),      xi = 1 - 2x/L,
+    sum p dx = P,                  approach c of the holder, Pa,
+    (L/2) sum p xi dx + K t = M    tilt t of the holder, Pa at the leading edge; K = inf: t = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from flashtemp.errors import SolverFailure
+
+
+class Press(NamedTuple):
+    """Local pressure (lines,) Pa, tilt t of the holder (Pa), lines in contact, and K (m2)."""
+
+    pressure: np.ndarray
+    tilt: float
+    touching: np.ndarray
+    turning: float
+
+
+@dataclass(frozen=True)
+class Foundation:
+    """Lines of width `dx` (m) at `x` (m) under a block of `length` (m) and `stiffness` k_n (Pa/m)."""
+
+    x: np.ndarray
+    dx: np.ndarray
+    length: float
+    stiffness: float
+
+    def settle(self, free, mean: float, moment=0.0, turning: float = np.inf) -> Press:
+        """Pressure that carries the `mean` (Pa) and, where `turning` K is finite, the `moment` (N per m).
+
+        `free` f (lines,) Pa.  Lines that would have to pull are lifted off.  Complex f or moment
+        pass their derivative on.  Raises SolverFailure when the block tips over.
+        """
+        load = mean * self.dx.sum()
+        if load == 0:
+            return Press(0.0 * free, 0.0, np.zeros(len(free), dtype=bool), np.inf)
+        guided = turning == np.inf
+        if guided and not np.iscomplexobj(free) and free.min() >= 0 and abs(free @ self.dx - load) <= 1e-14 * load:
+            return Press(free, 0.0, np.ones(len(free), dtype=bool), turning)  # carried as it is: not a bit changes
+        if np.iscomplexobj(free) or np.iscomplexobj(moment):
+            free, moment = free + 0j, moment + 0j
+        xi, touching = 1.0 - 2.0 * self.x / self.length, np.ones(len(free), dtype=np.bool_)
+        stiff = 0.0 if guided else turning
+        c, t, found = _balance(free, self.dx, xi, 0.5 * self.length, load, moment, stiff, guided, touching)
+        if not found:
+            raise SolverFailure("the friction moment tips the block over its edge: no pressure carries it")
+        return Press(np.where(touching, free + c + t * xi, 0.0), t, touching, turning)
+
+    def response(self, press: Press) -> Response:
+        """How pressure answers to abrasion around a settled state."""
+        on = press.touching.astype(float)
+        U, V = on[:, None], (self.dx * on)[None]
+        G = V @ U
+        if press.turning < np.inf:
+            xi = 1.0 - 2.0 * self.x / self.length
+            U = np.stack([on, xi * on], axis=1)
+            V = np.stack([self.dx * on, 0.5 * self.length * xi * self.dx * on])
+            G = V @ U + np.diag([0.0, press.turning])
+        return Response(self.stiffness * on, U, V, G)
+
+
+@dataclass(frozen=True)
+class Response:
+    """dp = -(K - U G^-1 V K) dw: every line sinks by its own worn depth, the load moves to the others.
+
+    `K` (lines,) k_n where the block touches, else 0; U (lines, m), V (m, lines), G (m, m).
+    """
+
+    K: np.ndarray
+    U: np.ndarray
+    V: np.ndarray
+    G: np.ndarray
+
+    def __call__(self, worn: np.ndarray) -> np.ndarray:
+        """Change of pressure (lines,) Pa by a change of worn depth (lines,) m."""
+        free = -self.K * worn
+        return free - self.U @ np.linalg.solve(self.G, self.V @ free)
+
+    def solver(self, gain: np.ndarray):
+        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (lines,) m/Pa."""
+        own = 1.0 + gain * self.K
+        X = (gain / own)[:, None] * self.U
+        inner = np.linalg.inv(self.G - (self.V * self.K) @ X)
+
+        def undo(r: np.ndarray) -> np.ndarray:
+            return r / own + X @ (inner @ (self.V @ (self.K * r / own)))
+
+        return undo
+
+
+@njit(cache=True)
+def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
+    """Approach c and tilt t; writes the lines in contact.  Newton on the set of those lines: finite."""
+    n = len(free)
+    c, t = 0.0 * free[0] + 0.0 * moment, 0.0 * free[0] + 0.0 * moment
+    for attempt in range(200):
+        a = b = d = 0.0
+        r, s = load + 0.0 * c, moment + 0.0 * c
+        for i in range(n):
+            if touching[i]:
+                a += dx[i]
+                b += xi[i] * dx[i]
+                d += lever * xi[i] * xi[i] * dx[i]
+                r -= free[i] * dx[i]
+                s -= lever * xi[i] * free[i] * dx[i]
+        if a <= 0.0:
+            return c, t, False
+        if guided:
+            new_c, new_t = r / a, 0.0 * r
+        else:
+            det = a * (d + turning) - lever * b * b
+            if not det > 1e-12 * a * (lever * a + turning):
+                return c, t, False
+            new_c, new_t = ((d + turning) * r - b * s) / det, (a * s - lever * b * r) / det
+        if attempt > 30:  # two sets that lead to each other: go half way
+            new_c, new_t = 0.5 * (c + new_c), 0.5 * (t + new_t)
+        c, t = new_c, new_t
+        same = True
+        for i in range(n):
+            touches = free[i].real + c.real + t.real * xi[i] > 0.0
+            same = same and touches == touching[i]
+            touching[i] = touches
+        if same and (attempt <= 30 or attempt > 80):
+            return c, t, True
+    return c, t, False

@@ -59,6 +59,15 @@ class Run:
         """A profile (lines,) at a place; the outermost cells are held."""
         return float(np.interp(x, self.x, values))
 
+    def at_mean(self, values: np.ndarray) -> float:
+        """Mean over the block's length of a profile (lines,)."""
+        return float(values @ self.mesh.dx_block / self.mesh.dx_block.sum())
+
+    @cached_property
+    def worn_volume(self) -> float:
+        """Rubber worn off during the run, m3."""
+        return float((self.worn[-1] - self.worn[0]) @ self.mesh.dx_block) * self.width
+
     @cached_property
     def friction_per_repetition(self) -> list[float]:
         """Load-weighted friction averaged over the slid distance of every repetition."""
@@ -117,6 +126,9 @@ class Run:
             "energy_imbalance": self.energy_imbalance,
             "partition_error": self.partition_error,
             "energy_J": {k: v * self.width for k, v in self.budget.items()},
+            "worn_mean_m": self.at_mean(self.worn[-1]),
+            "worn_leading_m": float(self.worn[-1][0]),
+            "worn_volume_m3": self.worn_volume,
             "cells": self.mesh.n_cells,
             **self.statistics,
         }
@@ -131,6 +143,8 @@ class Run:
             "T_spot": (along, self.T_spot, {"units": "degC", "long_name": "in the macroasperity contact regions"}),
             "T_road": (along, self.T_road, {"units": "degC", "long_name": "road surface in the lanes"}),
             "pressure": (along, self.pressure, {"units": "Pa", "long_name": "nominal contact pressure"}),
+            "worn": (along, self.worn, {"units": "m", "long_name": "worn depth of the block"}),
+            "tilt": ("time", self.tilt, {"units": "rad", "long_name": "turn of the holder, leading edge down"}),
             "repetition": ("time", self.repetition, {"units": "1", "long_name": "repetition, 1-based"}),
             "slid": ("time", self.slid, {"units": "m", "long_name": "distance slid since the first start"}),
             "sliding": ("time", self.sliding.astype(np.int8), {"units": "1", "long_name": "1 while sliding"}),
@@ -154,9 +168,10 @@ class Run:
         ds["time"].encoding["dtype"] = "float64"
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n")
-        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa"
+        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
         k = self.last
-        table = np.column_stack([self.x, self.T_block[k], self.T_spot[k], self.T_road[k], self.pressure[k]])
+        along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
+        table = np.column_stack([self.x, *(values[k] for values in along)])
         np.savetxt(folder / "profiles.csv", table, delimiter=",", header=head, comments="", fmt="%.8g")
 
     def __str__(self) -> str:

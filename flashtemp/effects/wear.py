@@ -3,7 +3,7 @@
 >>> from types import SimpleNamespace as N
 >>> rate, worn = Wear().heat(N(ambient=293.15, length=0.025), None)
 >>> now, p = N(local_pressure=2e5, friction=0.8), N(rate=6e-11, energy=1.0, temperature=0.0)
->>> round(1e6 * rate.law(293.15, now, p), 6)
+>>> round(float(1e6 * rate.law(293.15, now, p)), 6)
 9.6
 """
 

@@ -163,7 +163,7 @@ class Run:
         )
 
     def save(self, folder: Path) -> None:
-        """Write run.nc, summary.json and profiles.csv into a folder that exists."""
+        """Write run.nc, summary.json, profiles.csv and, of a worn block, worn.csv into a folder that exists."""
         ds = self.dataset()
         ds["time"].encoding["dtype"] = "float64"
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
@@ -172,7 +172,11 @@ class Run:
         k = self.last
         along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
         table = np.column_stack([self.x, *(values[k] for values in along)])
-        np.savetxt(folder / "profiles.csv", table, delimiter=",", header=head, comments="", fmt="%.8g")
+        tables = {"profiles.csv": (head, table)}
+        if self.worn[-1].any():
+            tables["worn.csv"] = ("x_m,worn_m", np.column_stack([self.x, self.worn[-1]]))
+        for name, (head, table) in tables.items():
+            np.savetxt(folder / name, table, delimiter=",", header=head, comments="", fmt="%.8g")
 
     def __str__(self) -> str:
         s = self.summary

@@ -34,6 +34,7 @@ PROFILES = {
     "T_block": lambda run: run.T_block,
     "jump": lambda run: run.T_spot - run.T_road,
     "pressure": lambda run: run.pressure,
+    "worn": lambda run: run.worn,
 }
 
 

@@ -12,7 +12,6 @@ from flashtemp.errors import SolverFailure
 from flashtemp.foundation import Press
 from flashtemp.laws import STEP, laws_mean
 
-
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
@@ -109,7 +108,7 @@ class Footprint:
     def state(self, now, local) -> contact.ContactState:
         """Contact laws at a local pressure (lines,) Pa."""
         self._look(now)
-        laws, b = self.laws, self.b
+        laws = self.laws
         now = now._replace(x=self.mesh.x_block, local_pressure=local)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
@@ -121,8 +120,8 @@ class Footprint:
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
         return contact.ContactState(
-            m=local * speed / phi, phi=phi, pressure=local, r=r + OPEN / np.expm1(light), flash=flash, lane=lane, split=split,
-            surface=b.surface_share, deep=deep,
+            m=local * speed / phi, phi=phi, pressure=local, r=r + OPEN / np.expm1(light), flash=flash, lane=lane,
+            split=split, surface=self.b.surface_share, deep=deep,
         )  # fmt: skip
 
     def _spread(self, now):

@@ -116,12 +116,15 @@ def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
                 s -= lever * xi[i] * free[i] * dx[i]
         if a <= 0.0:
             return c, t, False
+        leaning = False
         if guided:
             new_c, new_t = r / a, 0.0 * r
         else:
             det = a * (d + turning) - lever * b * b
-            if not det > 1e-12 * a * (lever * a + turning):
-                return c, t, False
+            leaning = det <= 1e-9 * a * (lever * a + turning)
+            if leaning:  # it stands on one line: a weak spring holds it until more lines touch
+                d += 1e-3 * lever * a
+                det = a * (d + turning) - lever * b * b
             new_c, new_t = ((d + turning) * r - b * s) / det, (a * s - lever * b * r) / det
         if attempt > 30:  # two sets that lead to each other: go half way
             new_c, new_t = 0.5 * (c + new_c), 0.5 * (t + new_t)
@@ -131,6 +134,6 @@ def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
             touches = free[i].real + c.real + t.real * xi[i] > 0.0
             same = same and touches == touching[i]
             touching[i] = touches
-        if same and (attempt <= 30 or attempt > 80):
+        if same and not leaning and (attempt <= 30 or attempt > 80):
             return c, t, True
     return c, t, False

@@ -220,10 +220,9 @@ def _record(balance, stage, t, y, now, frame) -> None:
     under = entering[-1]
     mu = np.nan
     state, press, flux, _ = stage.meet(moment, y, T, entering, kf)
-    if flux is not None:
-        if stage.phase.sliding:
-            load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
-            mu = float((flux.mu * load).sum() / load.sum())
+    if flux is not None and stage.phase.sliding:
+        load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
+        mu = float((flux.mu * load).sum() / load.sum())
     if t == 0.0:  # the initial state, before any heat
         surface, lane = T[balance.cell_block], T[balance.cell_road] + C0
         spot = surface + C0

@@ -83,7 +83,9 @@ class Sites:
             h = sum(c for c, _ in each)
             fixed = [far for c, far in each if c == np.inf]
             self.film[s] = 1.0 / h if np.real(h) > 0 else np.inf
-            self.far[s] = fixed[0] if fixed else (np.real(sum(c * far for c, far in each) / h) if np.real(h) > 0 else 0.0)
+            self.far[s] = (
+                fixed[0] if fixed else (np.real(sum(c * far for c, far in each) / h) if np.real(h) > 0 else 0.0)
+            )
             out.append(each)
         return out
 

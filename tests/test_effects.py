@@ -29,7 +29,20 @@ BASE = [n for n in EVERY if catalogue()[n].base]
 HEATING = [n for n in OPTIONAL if catalogue()[n].heat is not Effect.heat]  # the others act on the picture only
 NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]}}
 WITH = {"wear": ("edge_pressure",)}  # a uniform pressure wears evenly and stays uniform
-ARRAYS = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "pressure", "friction", "worn", "tilt", "field", "frames")
+ARRAYS = (
+    "time",
+    "repetition",
+    "slid",
+    "T_block",
+    "T_spot",
+    "T_road",
+    "pressure",
+    "friction",
+    "worn",
+    "tilt",
+    "field",
+    "frames",
+)
 SMALL = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
     "block.height": 0.002,
     "road.track_length": 0.15,

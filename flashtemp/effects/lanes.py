@@ -49,8 +49,10 @@ def mean_factor(entered, left, diameter, diffusivity, fraction):
 
     place = fraction / FRACTION
     below = int(np.real(place) + 1e-9)  # linear between nodes: a fraction that moves does not jump
-    return of(below) if abs(place - below) < 1e-9 and np.isreal(place) else (
-        (below + 1 - place) * of(below) + (place - below) * of(below + 1)
+    return (
+        of(below)
+        if abs(place - below) < 1e-9 and np.isreal(place)
+        else ((below + 1 - place) * of(below) + (place - below) * of(below + 1))
     )
 
 

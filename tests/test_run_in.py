@@ -1,0 +1,193 @@
+"""The block wears while it slides: relaxation, balance of load and moment, volume, audit, error in time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flashtemp import exact
+from flashtemp.balance import Balance
+from flashtemp.case import build, load, settings
+from flashtemp.errors import SolverFailure
+from flashtemp.march import march
+
+CASES = Path(__file__).parents[1] / "cases"
+L, W, K_N = 0.025, 0.05, 1.4e9
+SHORT = {"numerics__cells": [20, 8, 8], "output__profiles": 8}
+EVENTS = {  # start, stop, lap, kinks of speed and pressure, lift-off at the trailing edge, a wait in contact
+    "effects": ["friction_softening", "track_memory", "edge_pressure", "wear", "friction_moment"],
+    "schedule__repetitions": 2, "schedule__distance": 1.0, "schedule__wait": 2.0, "schedule__lifted": False,
+    "road__track_length": 0.7, "schedule__speed": [[0.0, 0.1], [2.0, 0.1], [3.0, 0.5]],
+    "contact__pressure": [[0.0, 1e5], [1.5, 3e5]], "edge_pressure__B": 9.0, "edge_pressure__length": 4e-3,
+    "wear__rate": 1e-9, "wear__temperature": 0.02, "friction_moment__compliance": 0.02,
+}  # fmt: skip
+
+
+def mean(run, values):
+    """Mean over the block of profiles (n, lines)."""
+    return values @ run.mesh.dx_block / run.mesh.dx_block.sum()
+
+
+def xi(run):
+    return 1 - 2 * run.x / L
+
+
+# --- V17 --------------------------------------------------------------------------------------------
+def archard(lab, pressure=2.5e5, speed=0.1):
+    """A peaked block that wears in proportion to its pressure, 10 x 3.5 m."""
+    return lab.case(
+        effects=["edge_pressure", "wear"], wear__energy=0.0, wear__rate=6e-11, edge_pressure__B=4.0,
+        contact__pressure=pressure, schedule__speed=speed, schedule__repetitions=10, schedule__wait=10.0,
+        numerics__rtol=1e-6, **SHORT,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0])
+def test_V17_relaxation_and_mean_depth(lab, speed):
+    run = archard(lab, speed=speed)
+    start, p = run.pressure[0] - 2.5e5, run.pressure - 2.5e5
+    for repetition, factor in ((1, 0.745276), (10, 0.0528657)):
+        end = np.flatnonzero(run.sliding & (run.repetition == repetition))[-1]
+        exactly = exact.abrasion_relaxation(K_N, 6e-11, run.slid[end])
+        assert exactly == pytest.approx(factor, rel=1e-6)
+        error = np.abs(p[end] - exactly * start).max() / np.abs(start).max()
+        lab.check(f"V17 relaxation after {run.slid[end]:g} m at {speed:g} m/s, of the first deviation", error, 1e-8)
+    deep = 1e6 * mean(run, run.worn[-1])
+    lab.check("V17 mean worn depth, um of 525", abs(deep - 525.0), 1e-8)
+
+
+def test_relaxation_does_not_depend_on_the_load(lab):
+    light, heavy = (archard(lab, pressure).pressure[-1] / pressure for pressure in (0.05e6, 0.3e6))
+    np.testing.assert_allclose(light, heavy, atol=1e-5)
+
+
+def test_tilting_holder_relaxes_more_slowly(lab):
+    """Theory 7.1: amplitude a0 = (6 mu h/L) beta/(1+beta) and length s_w (1+beta), beta = k_n L^3 W/(12 K)."""
+    compliance, arm = 0.01, 2e-3
+    run = lab.case(
+        effects=["wear", "friction_moment"], wear__energy=0.0, wear__rate=6e-11, schedule__distance=35.0,
+        schedule__speed=1.0, friction_moment__compliance=compliance, friction_moment__arm=arm, numerics__rtol=1e-6,
+        numerics__cells=[80, 6, 6], output__profiles=8,
+    )  # fmt: skip
+    beta = K_N * L**3 * W / 12 * compliance
+    amplitude = np.polyfit(xi(run), run.pressure.T / 1.5e5, 1)[0]
+    a0, s_w = 6 * arm / L * beta / (1 + beta), (1 + beta) / (K_N * 6e-11)
+    error = np.abs(amplitude - a0 * np.exp(-run.slid / s_w)).max() / a0
+    lab.check("tilt under a holder of 100 N m/rad, of its first amplitude", error, 3e-4)
+    assert a0 > 0.2
+    assert amplitude[-1] / amplitude[0] == pytest.approx(np.exp(-35.0 / s_w), rel=1e-3)
+
+
+# --- balance at every instant -------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def eventful(lab):
+    return lab.case(**EVENTS, **SHORT, numerics__rtol=1e-5)
+
+
+def test_load_is_carried_at_every_instant(lab, eventful):
+    run = eventful
+    since = run.time - np.where(run.repetition > 1, run.time[np.argmax(run.repetition > 1)], 0.0)
+    asked = np.interp(since, *np.transpose(EVENTS["contact__pressure"]))
+    on = run.repetition == 1
+    lab.check("load, relative", np.abs(mean(run, run.pressure) / asked - 1)[on & run.sliding].max(), 1e-10)
+    assert run.pressure[on].min() == 0.0  # some of the block has lifted off
+    assert run.pressure.min() >= 0.0
+
+
+def test_moment_is_balanced_at_every_instant(lab, eventful):
+    """turn = compliance (mu F h - moment of the pressure), from what run.nc holds."""
+    run, on = eventful, eventful.sliding
+    force = W * run.pressure @ run.mesh.dx_block
+    moment = 0.5 * L * W * (run.pressure * xi(run)) @ run.mesh.dx_block
+    turn = 0.02 * (run.friction * force * 7e-3 - moment)
+    lab.check("moment, relative", np.abs(turn - run.tilt)[on].max() / np.abs(run.tilt).max(), 1e-10)
+    assert np.ptp(run.friction[on]) > 0.05  # the moment moved
+
+
+# --- volume -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("softening", [[], ["friction_softening"]])
+def test_worn_volume_is_the_integral_of_the_law(lab, softening):
+    """Energy wear: volume = k times friction energy, to rounding, through stops, kinks and lift-off."""
+    given = {k: v for k, v in EVENTS.items() if not k.startswith("friction_moment")}
+    run = lab.case(**given | {"effects": [*softening, "edge_pressure", "wear"], "wear__temperature": 0.0}, **SHORT)
+    worn = 1e-9 * run.energy["friction"] * W
+    volumes = (run.worn - run.worn[0]) @ run.mesh.dx_block * W
+    lab.check("worn volume against k times the friction energy", np.abs(volumes - worn).max() / worn[-1], 1e-12)
+    assert run.worn_volume == volumes[-1]
+
+
+def test_worn_volume_with_a_rate_that_depends_on_temperature(lab):
+    """k mu p exp(b dT) integrated over the records by the trapezoidal rule; 600 of them."""
+    run = lab.case(
+        effects=["friction_softening", "edge_pressure", "wear"], wear__rate=1e-9, wear__temperature=0.02,
+        numerics__cells=[20, 8, 8], output__profiles=600, numerics__rtol=1e-6,
+    )  # fmt: skip
+    mu = np.exp(-0.006 * (run.T_spot - 20.0))
+    rate = 0.1 * 1e-9 * mu * run.pressure * np.exp(0.02 * (run.T_spot - run.ambient_degC))
+    expected = np.trapezoid(rate, run.time, axis=0)
+    lab.check("worn depth with temperature, relative", np.abs(run.worn[-1] / expected - 1).max(), 2e-4)
+    assert run.worn[-1][0] > 1.5 * 1e-9 * 1.5e5 * 3.5  # more than the mean pressure alone would wear
+
+
+def test_nothing_wears_while_the_block_rests(lab, eventful):
+    run = eventful
+    wait = np.flatnonzero(~run.sliding)
+    assert len(wait) > 2
+    np.testing.assert_array_equal(run.worn[wait], np.broadcast_to(run.worn[wait[0] - 1], run.worn[wait].shape))
+
+
+# --- audit and error in time ------------------------------------------------------------------------
+def test_energy_audit_with_everything_on(lab, eventful):
+    lab.check("energy imbalance with everything on", eventful.energy_imbalance, 1e-14)
+
+
+def test_error_in_time_follows_the_tolerance_through_all_events(lab):
+    def run(rtol):
+        made = lab.case(**EVENTS, **SHORT, numerics__rtol=rtol)
+        return made.T_block, 1e6 * made.worn, 1e-5 * made.pressure
+
+    tolerances, true = (1e-3, 1e-4, 1e-5), run(1e-8)
+    found = [run(rtol) for rtol in tolerances]
+    for name, exactly, *values in zip(("T, K", "worn depth, um", "pressure, bar"), true, *found, strict=True):
+        errors = [float(np.sqrt(np.square(v - exactly).mean())) for v in values]
+        print(f"{name}: rms errors {errors}")
+        assert errors[0] / errors[2] > 30, name  # order 5 would give 46 over two decades
+        lab.check(f"{name}: rms error at rtol 1e-5, of its range", errors[2] / np.ptp(exactly), 1e-5)
+
+
+# --- cases ------------------------------------------------------------------------------------------
+def test_worn_profile_of_backward_is_that_of_run_in():
+    """cases/backward begins where cases/run_in ends: the file there is what the run writes."""
+    case = load(CASES / "run_in")
+    run = march(build(case), settings(case))
+    x, worn = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1).T
+    np.testing.assert_allclose(x, run.x, rtol=1e-6)
+    np.testing.assert_allclose(worn, run.worn[-1], rtol=1e-4)
+
+
+def test_start_profile_is_read_as_cell_means_and_can_be_turned(lab):
+    profile = [[0.0, 1e-3], [L, 0.0]]
+    made = {"effects": ["wear"], "wear__profile": profile, "schedule__distance": 0.01, **SHORT}
+    forward, turned = lab.case(**made), lab.case(**made, wear__turned=True)
+    np.testing.assert_allclose(forward.worn[0], 1e-3 * (1 - forward.x / L), rtol=1e-9)
+    np.testing.assert_allclose(turned.worn[0], 1e-3 * turned.x / L, rtol=1e-9)
+
+
+def test_uniform_pressure_stays_uniform(lab):
+    run = lab.case(effects=["wear"], wear__rate=1e-9, **SHORT)
+    assert np.ptp(run.pressure) < 1e-9 * 1.5e5
+
+
+def test_a_holder_too_soft_for_its_moment_is_explained(lab):
+    with pytest.raises(SolverFailure, match="tips the block over"):
+        lab.case(effects=["friction_moment"], friction_moment__compliance=float("inf"), friction_moment__arm=0.014)
+
+
+def test_state_after_resume_holds_the_worn_depth(lab):
+    case = load(CASES / "backward", {"numerics.cells": [12, 6, 6]})
+    balance = Balance(build(case))
+    y = balance.initial()
+    assert balance.worn_depth(y).max() > 5e-4
+    assert not y[: balance.n].any()

@@ -54,8 +54,48 @@ def against_alpha(run_of):
     return fig
 
 
+@theme.styled
+def exponents(run_of):
+    """What the exponent of phi(p) does to T(x) and to the sign of friction in a run-in (theory 7.4)."""
+    first = run_of["n = 0"]
+    fig = theme.figure(first, theme.WIDE, 3.3)
+    fig.suptitle("The same wear, two laws of the contact fraction, phi ~ pⁿ (0.25 MPa, 0.1 m/s)", x=0.01, ha="left")
+    axes = fig.subplots(1, 3, width_ratios=[1, 1, 1.15])
+    for ax, name, words in zip(axes, ("n = 0", "n = 1"), ("spots fixed by the road", "more spots"), strict=False):
+        run = run_of[name]
+        for r, colour in ((1, theme.SPOT), (3, "#E69F00"), (10, theme.BLOCK)):
+            end = np.flatnonzero(run.sliding & (run.repetition == r))[-1]
+            ax.plot(1e3 * run.x, run.T_block[end], color=colour, label=f"repetition {r}")
+        ax.set(xlabel="x from the leading edge (mm)", xlim=(0, 25), ylim=(20, 62), title=f"{name}: {words}")
+    axes[0].set_ylabel("block surface (°C)")
+    axes[1].legend(loc="upper left")
+    styles = {
+        "n = 0": ("#B2182B", "-", "n = 0, wear: rises"),
+        "n = 1": ("#0072B2", "-", "n = 1, wear: falls"),
+        "n = 0, no wear": ("#B2182B", ":", "n = 0, no wear"),
+        "n = 1, no wear": ("#0072B2", ":", "n = 1, no wear"),
+    }
+    for name, (colour, line, label) in styles.items():
+        mu = run_of[name].friction_per_repetition
+        axes[2].plot(range(1, len(mu) + 1), mu, line, marker="o", ms=3, color=colour)
+        above = name != "n = 1"
+        axes[2].text(
+            10, mu[-1] + (0.004 if above else -0.004), label, color=colour, ha="right", va="bottom" if above else "top"
+        )
+    axes[2].set(xlabel="repetition", ylabel="friction, mean of the repetition (–)", title="friction")
+    return fig
+
+
 def main() -> None:
     OUT.mkdir(exist_ok=True)
+    heavy = {"contact__pressure": 2.5e5}
+    laws = {
+        name: simulate("run_in", **heavy, contact__spot_exponent=n, wear__rate=rate)
+        for name, n, rate in (
+            ("n = 0", 0.0, 4e-11), ("n = 1", 1.0, 4e-11), ("n = 0, no wear", 0.0, 0.0), ("n = 1, no wear", 1.0, 0.0),
+        )
+    }  # fmt: skip
+    exponents(laws).savefig(OUT / "exponent.png", dpi=130)
     run_in = simulate("run_in")
     for name, fig in (("run_in_map", film.draw(run_in)), ("run_in_field", field.draw(run_in))):
         fig.savefig(OUT / f"{name}.png", dpi=110)

@@ -113,13 +113,16 @@ class Balance:
             return rise
         return rise * (1 + 0.5 * self.capacity_gradient * rise)
 
+    @cached_property
+    def initial_depth(self) -> np.ndarray:
+        """Depth (lines,) in m worn before the first start."""
+        mesh, now = self.scene.mesh, self.scene.moment(self.scene.schedule.phases[0], 0.0)
+        return laws_mean(self.laws, "block.worn", mesh.x[mesh.first : mesh.last + 1], now, 0.0)
+
     def initial(self) -> np.ndarray:
         """State (size,) before the first start: all at ambient temperature, the block worn as given."""
-        mesh, y = self.scene.mesh, np.zeros(self.size)
-        if self.laws.has("block.worn"):
-            now = self.scene.moment(self.scene.schedule.phases[0], 0.0)
-            depth = laws_mean(self.laws, "block.worn", mesh.x[mesh.first : mesh.last + 1], now, 0.0)
-            y[self.worn] = depth / self.worn_unit
+        y = np.zeros(self.size)
+        y[self.worn] = self.initial_depth / self.worn_unit
         return y
 
     def worn_depth(self, y: np.ndarray) -> np.ndarray:

@@ -188,9 +188,14 @@ def build(case: Case) -> Scene:
         track_length=v.road.track_length,
         stiffness=v.block.stiffness,
     )
-    shape = laws_mean(
-        Laws(scene), "contact.pressure", mesh.x[mesh.first : mesh.last + 1], scene.moment(schedule.phases[0], 0.0)
-    )
+    laws, edges, now = Laws(scene), mesh.x[mesh.first : mesh.last + 1], scene.moment(schedule.phases[0], 0.0)
+    worn = laws_mean(laws, "block.worn", edges, now, 0.0).max()
+    if worn >= v.block.height:
+        raise BadInput(
+            f"block.height: {v.block.height:g} m is not more than the {worn:g} m by which the face is worn at the start; "
+            "give that profile in m"
+        )
+    shape = laws_mean(laws, "contact.pressure", edges, now)
     if not shape @ mesh.dx_block > 0:
         raise BadInput(
             f"contact.pressure: its profile is {shape @ mesh.dx_block / v.block.length:g} on average under the block; "

@@ -213,6 +213,9 @@ def _record(balance, stage, t, y, now, frame) -> None:
     """Append surface profiles, friction, ledger and the cell temperatures at time t."""
     scene, mesh, n = balance.scene, balance.scene.mesh, balance.n
     moment = stage.moment(t)
+    worn = balance.worn_depth(y)
+    if worn.max() >= scene.height:
+        raise SolverFailure("the block is worn through to its holder")
     T = balance.rise(y[:n])
     entering = stage.entering(moment)
     _, _, kf = stage.conduction(T, moment)
@@ -254,7 +257,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
         "T_road": lane,
         "pressure": state.pressure * (1.0 if moment.touching else 0.0),
         "friction": mu,
-        "worn": balance.worn_depth(y),
+        "worn": worn,
         "tilt": 2.0 * press.tilt / (balance.foundation.stiffness * scene.length),
         "energy": list(energy.values()),
     }

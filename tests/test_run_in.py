@@ -10,7 +10,7 @@ import pytest
 from flashtemp import exact
 from flashtemp.balance import Balance
 from flashtemp.case import build, load, settings
-from flashtemp.errors import SolverFailure
+from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.march import march
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -185,7 +185,17 @@ def test_a_holder_too_soft_for_its_moment_is_explained(lab):
         lab.case(effects=["friction_moment"], friction_moment__compliance=float("inf"), friction_moment__arm=0.014)
 
 
-def test_state_after_resume_holds_the_worn_depth(lab):
+def test_a_block_worn_through_is_a_failure_and_says_when(lab):
+    with pytest.raises(SolverFailure, match="worn through.* t = "):
+        lab.case(effects=["wear"], wear__rate=1e-7, **SHORT)
+
+
+def test_a_start_profile_deeper_than_the_block_is_bad_input(lab):
+    with pytest.raises(BadInput, match="block.height: 0.007 m is not more than the 0.5 m"):
+        lab.case(effects=["wear"], wear__profile=[[0.0, 0.5]])
+
+
+def test_state_starts_with_the_given_depth_at_ambient_temperature():
     case = load(CASES / "backward", {"numerics.cells": [12, 6, 6]})
     balance = Balance(build(case))
     y = balance.initial()

@@ -192,7 +192,7 @@ def build(case: Case) -> Scene:
     worn = laws_mean(laws, "block.worn", edges, now, 0.0).max()
     if worn >= v.block.height:
         raise BadInput(
-            f"block.height: {v.block.height:g} m is not more than the {worn:g} m by which the face is worn at the start; "
+            f"block.height: {v.block.height:g} m is not more than the {worn:g} m worn off its face at the start; "
             "give that profile in m"
         )
     shape = laws_mean(laws, "contact.pressure", edges, now)

@@ -1,4 +1,4 @@
-"""VTK for ParaView: one temporal VTKHDF file with block and road, and the reader that goes with it."""
+"""VTK for ParaView: one temporal VTKHDF file with block, road and contact, and the reader that goes with it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, nearest
 from flashtemp.run import Run
 
-QUAD = 9
+LINE, QUAD = 3, 9  # VTK cell types
+UNITS = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
 
 
 def bodies(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
@@ -33,6 +34,15 @@ def heat_flux(T: np.ndarray, x: np.ndarray, z: np.ndarray, k: float) -> np.ndarr
     return -k * np.stack([gx, np.zeros_like(gx), gz], axis=-1).reshape(-1, 3)
 
 
+def contact(run: Run) -> dict[str, np.ndarray]:
+    """What ParaView plots along the contact, {name with unit: (frames, lines)}: temperatures, pressure, worn depth."""
+    along = {
+        "T_block_degC": run.T_block, "T_spot_degC": run.T_spot, "T_road_degC": run.T_road,
+        "pressure_Pa": run.pressure, "worn_m": run.worn,
+    }  # fmt: skip
+    return {name: values[run.frames] for name, values in along.items()}
+
+
 def _grid(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) in m and quads (cells, 4) of a tensor grid, cells ordered (x, z)."""
     X, Z = np.meshgrid(x, z, indexing="ij")
@@ -42,47 +52,58 @@ def _grid(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, np.stack([a, a + len(z), a + len(z) + 1, a + 1], axis=-1)
 
 
+def _chain(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) in m and lines (cells, 2) along x at z = 0."""
+    first = np.arange(len(x) - 1)
+    return np.stack([x, 0 * x, 0 * x], axis=-1), np.stack([first, first + 1], axis=-1)
+
+
 def write(run: Run, path: Path) -> None:
     """Write fields of a run as temporal VTKHDF (MultiBlock of UnstructuredGrid, format 2.1).
 
-    Cell data `T_degC` and `q_W_m2`, lengths in m, time in s; block and road share one interface
-    at z = 0.  Case text and statistics travel in the group "flashtemp" beside the data.
+    Block and road, with cell data `T_degC` and `q_W_m2`, share one interface at z = 0; there lie the
+    line cells of `contact` under the block.  Lengths in m, time in s.  Case text and statistics travel
+    in the group "flashtemp" beside the data.
     """
     times = run.time[run.frames]
     with in_memory(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         _mark(root, "MultiBlockDataSet")
         for name, (x, z, cells, k) in bodies(run).items():
-            leaf = root.create_group(name)
-            _mark(leaf, "UnstructuredGrid")
-            points, quads = _grid(x, z)
-            n = len(quads)
-            leaf["Points"] = points
-            leaf["Connectivity"] = quads.ravel().astype(np.int64)
-            leaf["Offsets"] = np.arange(0, 4 * n + 1, 4, dtype=np.int64)
-            leaf["Types"] = np.full(n, QUAD, dtype=np.uint8)
-            leaf["NumberOfPoints"] = np.array([len(points)], dtype=np.int64)
-            leaf["NumberOfCells"] = np.array([n], dtype=np.int64)
-            leaf["NumberOfConnectivityIds"] = np.array([4 * n], dtype=np.int64)
-            T = run.field[:, cells].reshape(len(times), n)
-            q = [heat_flux(f.reshape(cells.shape), x, z, k) for f in T]
-            data = leaf.create_group("CellData")
-            data["T_degC"] = T.reshape(-1).astype(np.float32)
-            data["T_degC"].attrs["units"] = "degC"
-            data["q_W_m2"] = np.concatenate(q).astype(np.float32)
-            data["q_W_m2"].attrs["units"] = "W/m2"
-            _steps(leaf, times, n)
+            T = run.field[:, cells]
+            q = np.stack([heat_flux(f, x, z, k) for f in T])
+            _leaf(root, name, *_grid(x, z), QUAD, times, {"T_degC": T.reshape(len(times), -1), "q_W_m2": q})
+        under = run.mesh.x[run.mesh.first : run.mesh.last + 1]
+        _leaf(root, "contact", *_chain(under), LINE, times, contact(run))
         steps = root.create_group("Steps")  # VTK 9.7 offers only the first time without it, 9.4 stumbles over it
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
         assembly = root.create_group("Assembly", track_order=True)
-        for name in bodies(run):
+        for name in (*bodies(run), "contact"):
             assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
         about = file.create_group("flashtemp")
         about.attrs["title"] = run.title
         about.attrs["case"] = run.case_text
         for key, value in run.statistics.items():
             about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
+
+
+def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: dict[str, np.ndarray]) -> None:
+    """An unstructured grid of cells of one kind with cell data (times, cells, ...) at every time."""
+    leaf = root.create_group(name)
+    _mark(leaf, "UnstructuredGrid")
+    n, corners = cells.shape
+    leaf["Points"] = points
+    leaf["Connectivity"] = cells.ravel().astype(np.int64)
+    leaf["Offsets"] = np.arange(0, corners * n + 1, corners, dtype=np.int64)
+    leaf["Types"] = np.full(n, kind, dtype=np.uint8)
+    leaf["NumberOfPoints"] = np.array([len(points)], dtype=np.int64)
+    leaf["NumberOfCells"] = np.array([n], dtype=np.int64)
+    leaf["NumberOfConnectivityIds"] = np.array([corners * n], dtype=np.int64)
+    for key, values in data.items():
+        leaf[f"CellData/{key}"] = values.reshape(len(times) * n, *values.shape[2:]).astype(np.float32)
+        leaf[f"CellData/{key}"].attrs["units"] = UNITS[key.rsplit("_", 1)[1]]
+    _steps(leaf, times, n, list(data))
 
 
 @contextmanager
@@ -100,8 +121,8 @@ def _mark(group, kind: str) -> None:
     group.attrs.create("Type", kind.encode("ascii"), dtype=h5py.string_dtype("ascii", len(kind)))
 
 
-def _steps(leaf, times: np.ndarray, cells: int) -> None:
-    """Time steps of a leaf whose mesh never changes."""
+def _steps(leaf, times: np.ndarray, cells: int, names: list[str]) -> None:
+    """Time steps of a leaf whose mesh never changes, with the cell data of these names."""
     steps = leaf.create_group("Steps")
     n = len(times)
     steps.attrs["NSteps"] = np.int64(n)
@@ -113,21 +134,17 @@ def _steps(leaf, times: np.ndarray, cells: int) -> None:
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         steps[name] = zero[:, None]
     offsets = steps.create_group("CellDataOffsets")
-    for name in ("T_degC", "q_W_m2"):
+    for name in names:
         offsets[name] = np.arange(n, dtype=np.int64) * cells
 
 
 def write_pvd(run: Run, folder: Path) -> Path:
-    """Write a .pvd collection of rectilinear grids for ParaView on VTK older than 9.5."""
-    import pyvista as pv
-
+    """Write a .pvd collection of block, road and contact for ParaView on VTK older than 9.5."""
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for i, t in enumerate(run.time[run.frames]):
-        for part, (name, (x, z, cells, _)) in enumerate(bodies(run).items()):
-            grid = pv.RectilinearGrid(x, np.zeros(1), z)
-            grid.cell_data["T_degC"] = run.field[i][cells].T.ravel()
-            file = folder / f"{name}_{i:04d}.vtr"
+        for part, (name, grid) in enumerate(_parts(run, i).items()):
+            file = folder / f"{name}_{i:04d}.{'vtp' if name == 'contact' else 'vtr'}"
             grid.save(file)
             entries.append(f'    <DataSet timestep="{t:.9g}" part="{part}" name="{name}" file="{file.name}"/>')
     body = "\n".join(entries)
@@ -139,6 +156,21 @@ def write_pvd(run: Run, folder: Path) -> Path:
     return path
 
 
+def _parts(run: Run, frame: int) -> dict:
+    """pyvista grids of block and road and the lines of the contact at a frame."""
+    import pyvista as pv
+
+    out = {}
+    for name, (x, z, cells, _) in bodies(run).items():
+        out[name] = pv.RectilinearGrid(x, np.zeros(1), z)
+        out[name].cell_data["T_degC"] = run.field[frame][cells].T.ravel()
+    points, lines = _chain(run.mesh.x[run.mesh.first : run.mesh.last + 1])
+    out["contact"] = pv.PolyData(points, lines=np.insert(lines, 0, 2, axis=1).ravel())
+    for key, values in contact(run).items():
+        out["contact"].cell_data[key] = values[frame]
+    return out
+
+
 @dataclass(frozen=True)
 class Fields:
     """Fields of a finished run: `times` (n,) in s, and the grids at any of them."""
@@ -147,21 +179,32 @@ class Fields:
     times: np.ndarray
 
     def at(self, t: float):
-        """pyvista MultiBlock with "block" and "road" at the kept time nearest to t."""
+        """pyvista MultiBlock with "block", "road" and "contact" at the kept time nearest to t."""
         import pyvista as pv
 
         reader = pv.get_reader(self.path).reader
-        reader.SetStep(int(np.argmin(np.abs(self.times - t))))
+        reader.SetStep(self._nearest(t))
         reader.Update()
         return pv.wrap(reader.GetOutputDataObject(0))
 
     def T(self, body: str, t: float) -> np.ndarray:
         """Cell temperatures (cells,) in degC of "block" or "road" at the kept time nearest to t."""
-        k = int(np.argmin(np.abs(self.times - t)))
+        return self.cells(body, "T_degC", t)
+
+    def cells(self, body: str, name: str, t: float) -> np.ndarray:
+        """Cell data of a body at the kept time nearest to t, as "pressure_Pa" of "contact"; BadInput when unknown."""
+        k = self._nearest(t)
         with h5py.File(self.path) as file:
-            leaf = file[f"VTKHDF/{body}"]
+            leaf = file["VTKHDF"].get(body)
+            data = leaf.get("CellData") if leaf is not None else None
+            if data is None or name not in data:
+                known = [f"{b} {n}" for b, g in file["VTKHDF"].items() if "CellData" in g for n in g["CellData"]]
+                raise BadInput(f"{self.path}: no {name} of '{body}'{nearest(f'{body} {name}', known)}")
             n = int(leaf["NumberOfCells"][0])
-            return leaf["CellData/T_degC"][k * n : (k + 1) * n]
+            return data[name][k * n : (k + 1) * n]
+
+    def _nearest(self, t: float) -> int:
+        return int(np.argmin(np.abs(self.times - t)))
 
 
 def open_fields(path) -> Fields:

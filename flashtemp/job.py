@@ -151,10 +151,7 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
         if pvd:
             export.write_pvd(run, work / "pvd")
         if case["output.pictures"]:
-            say("drawing pictures")
-            from flashtemp import viz
-
-            viz.draw_all(run, work)
+            _draw(run, work, case["output.animation"], say)
         (work / CHECKPOINT).unlink(missing_ok=True)
         old = out.with_name(out.name + ".old")
         if out.exists():
@@ -163,6 +160,17 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
         work.rename(out)
         shutil.rmtree(old, ignore_errors=True)
     return run
+
+
+def _draw(run: Run, work: Path, animated: bool, say) -> None:
+    """Pictures of a run and, where it has several repetitions, their animation."""
+    from flashtemp import viz
+
+    say("drawing pictures")
+    viz.draw_all(run, work)
+    if animated and viz.applies("animation", run):
+        say("drawing the animation")
+        viz.animate(run, work)
 
 
 def _copy_inputs(case: cases.Case, work: Path) -> dict[str, str]:

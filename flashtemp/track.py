@@ -58,34 +58,13 @@ class Track:
         k = int(np.searchsorted(self.place, before, side="right"))
         if k == 0 or not self.place:
             return np.zeros(len(self.dz))
-        parts = ((k - 1, 1.0),) if k == len(self.place) else _smooth(self.place, k, before)
+        if k == len(self.place):
+            parts = ((k - 1, 1.0),)
+        else:
+            w = (before - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
+            parts = ((k - 1, 1.0 - w), (k, w))
         total = np.zeros(len(self.dz))
         for j, weight in parts:
             age = max(t - self.time[j], 0.0)
             total += weight * np.exp(-self.rates * age) * (self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
         return self.modes @ total / self.root
-
-
-def _smooth(place: list, k: int, at: float) -> list[tuple[int, float]]:
-    """Weights of columns around `at`, between columns k-1 and k: cubic, so that no kink costs the solver steps."""
-    h = place[k] - place[k - 1]
-    u = (at - place[k - 1]) / h
-    weight = {k - 1: (1 + 2 * u) * (1 - u) ** 2, k: u * u * (3 - 2 * u)}
-    for node, tangent in ((k - 1, u * (1 - u) ** 2), (k, u * u * (u - 1))):
-        for j, slope in _slope(place, node):
-            weight[j] = weight.get(j, 0.0) + h * tangent * slope
-    return list(weight.items())
-
-
-def _slope(place: list, j: int) -> list[tuple[int, float]]:
-    """Weights of the derivative at column j: of the parabola through it and its neighbours, one-sided at an end."""
-    if j in (0, len(place) - 1):
-        a, b = (0, 1) if j == 0 else (j - 1, j)
-        return [(a, -1 / (place[b] - place[a])), (b, 1 / (place[b] - place[a]))]
-    before, after = place[j] - place[j - 1], place[j + 1] - place[j]
-    whole = before + after
-    return [
-        (j - 1, -after / (before * whole)),
-        (j, (after - before) / (before * after)),
-        (j + 1, before / (after * whole)),
-    ]

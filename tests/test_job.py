@@ -92,7 +92,7 @@ def test_vtk_offers_the_whole_series_in_metres(result):
     np.testing.assert_array_equal(fields.times, run.time[run.frames])
     late = fields.times[-1]
     blocks = fields.at(late)
-    assert blocks.keys() == ["block", "road"]
+    assert blocks.keys() == ["block", "road", "contact"]
     assert blocks["block"].bounds[:2] == pytest.approx((0.0, 0.025))
     assert blocks["block"].bounds[4:] == pytest.approx((0.0, 0.007))
     assert blocks["road"].bounds[5] == 0.0
@@ -111,7 +111,31 @@ def test_vtk_offers_the_whole_series_in_metres(result):
     hottest = reader.GetOutputDataObject(0).GetBlock(0).GetCellData().GetArray("T_degC").GetRange()[1]
     assert hottest == pytest.approx(expected.max(), rel=1e-6)
     series = (out / "pvd" / "fields.pvd").read_text()
-    assert series.count("<DataSet") == 2 * len(fields.times)
+    assert series.count("<DataSet") == 3 * len(fields.times)
+
+
+def test_vtk_follows_the_contact_along_the_block(result):
+    import pyvista as pv
+
+    out, run = result
+    fields = flashtemp.open_fields(out)
+    series = pv.get_reader(out / "pvd" / "fields.pvd")
+    along = {"T_block_degC": run.T_block, "T_spot_degC": run.T_spot, "T_road_degC": run.T_road}
+    along |= {"pressure_Pa": run.pressure, "worn_m": run.worn}
+    for i, (k, t) in enumerate(zip(run.frames, fields.times, strict=True)):
+        series.set_active_time_point(i)
+        bodies, lines = fields.at(t), series.read()[2]
+        for name, values in along.items():
+            np.testing.assert_allclose(bodies["contact"][name], values[k], rtol=1e-6)
+            np.testing.assert_allclose(fields.cells("contact", name, t), values[k], rtol=1e-6)
+            np.testing.assert_array_equal(lines[name], values[k])
+        np.testing.assert_allclose(bodies["road"]["T_degC"], run.field[i][run.mesh.road].ravel())
+    np.testing.assert_allclose(bodies["contact"].cell_centers().points, lines.cell_centers().points)
+    np.testing.assert_allclose(lines.cell_centers().points[:, 0], run.x, atol=1e-8)
+    assert set(bodies["contact"].celltypes) == {pv.CellType.LINE}
+    assert not fields.cells("contact", "pressure_Pa", run.time[run.frames[np.argmin(run.sliding[run.frames])]]).any()
+    with pytest.raises(flashtemp.BadInput, match="did you mean 'contact worn_m'"):
+        fields.cells("contact", "wron_m", 0.0)
 
 
 def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path):

@@ -26,7 +26,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["track", "run", "cvode"],
     ["march"],
     ["keys", "case"],
-    ["export", "job", "verify", "exact"],
+    ["export", "job", "verify", "exact", "decay", "settling", "waiting"],
     ["viz"],
     ["__main__"],
 ]

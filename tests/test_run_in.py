@@ -191,7 +191,7 @@ def test_a_block_worn_through_is_a_failure_and_says_when(lab):
 
 
 def test_a_start_profile_deeper_than_the_block_is_bad_input(lab):
-    with pytest.raises(BadInput, match="block.height: 0.007 m is not more than the 0.5 m"):
+    with pytest.raises(BadInput, match="block.height: 0.007 m is not more than the 0.5 m worn off"):
         lab.case(effects=["wear"], wear__profile=[[0.0, 0.5]])
 
 

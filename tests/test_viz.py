@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -16,9 +17,10 @@ import flashtemp.viz
 from flashtemp.case import assemble, build, settings
 from flashtemp.keys import Places
 from flashtemp.march import march
-from flashtemp.viz import budget, clock, field, film, friction, profile, theme
+from flashtemp.mesh import centres
+from flashtemp.viz import animation, budget, clock, field, film, friction, maps, profile, theme, worn
 
-PICTURES = (profile, film, field, friction, budget)
+PICTURES = (profile, film, field, friction, budget, maps, worn, animation)
 RUNS = {
     "run_in": {"effects": ["track_memory", "friction_softening"], "schedule.repetitions": 9, "schedule.wait": 10.0},
     "one": {},
@@ -26,6 +28,7 @@ RUNS = {
     "no_friction": {"friction.mu": 0.0, "schedule.repetitions": 2, "schedule.wait": 5.0},
     "long_waits": {"schedule.speed": 1.0, "schedule.repetitions": 3, "schedule.wait": 4000.0, "schedule.lifted": False},
     "finite_alpha": {"contact.alpha": 5000.0},
+    "worn": {"effects": ["edge_pressure", "wear"], "wear.rate": 1e-10, "schedule.repetitions": 3, "schedule.wait": 5.0},
 }
 
 
@@ -70,7 +73,7 @@ def test_every_kind_of_run_is_drawn_with_units_and_without_overlaps(runs, pictur
 def no_overlaps(fig):
     """Every text lies within the figure and on no other."""
     renderer = fig.canvas.get_renderer()
-    texts = [t for ax in fig.axes for t in (ax.xaxis.label, ax.yaxis.label, ax._left_title, *ax.texts)]
+    texts = [t for ax in fig.axes for t in (ax.xaxis.label, ax.yaxis.label, ax._left_title, ax._right_title, *ax.texts)]
     ticks = [t for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) for t in visible(axis)]
     boxes = [
         (t.get_text(), t.get_window_extent(renderer)) for t in [*texts, *ticks, fig._suptitle, fig._supxlabel] if t
@@ -220,12 +223,75 @@ def test_budget_draws_losses_below_zero(runs):
     assert fig.axes[1].get_xlim()[0] < 0
 
 
-def test_draw_all_writes_five_pictures_and_leaves_matplotlib_alone(runs, tmp_path):
+def centres_of(image):
+    """Centres in m of the columns and rows of an image drawn in mm."""
+    left, right, bottom, top = 1e-3 * np.array(image.get_extent())
+    rows, columns = image.get_array().shape
+    return centres(np.linspace(left, right, columns + 1)), centres(np.linspace(bottom, top, rows + 1))
+
+
+def panels(run):
+    """Axes of the maps in the order in which they are read, down the columns."""
+    found = [(ax.get_subplotspec(), ax) for ax in maps.draw(run).axes if ax.images]
+    return [ax for _, ax in sorted(found, key=lambda pair: (pair[0].colspan.start, pair[0].rowspan.start))]
+
+
+def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
+    run, m = runs["run_in"], runs["run_in"].mesh
+    shown, z_block, seen = panels(run), m.z_centre[m.block[0]], []
+    assert [ax.get_title(loc="left") for ax in shown] == [f"repetition {r}" for r in range(1, 10)]
+    for ax, k in zip(shown, clock.ends(run), strict=True):
+        cells = run.field[np.flatnonzero(run.frames == k)[0]].astype(float)
+        (x, z), drawn = centres_of(ax.images[0]), [np.asarray(i.get_array()) for i in ax.images]
+        grid = np.meshgrid(np.clip(z, z_block[0], z_block[-1]), np.clip(x, run.x[0], run.x[-1]), indexing="ij")
+        side = RegularGridInterpolator((z_block, run.x), cells[m.block].T)(np.stack(grid, axis=-1))
+        np.testing.assert_allclose(drawn[0], side, atol=1e-4)
+        np.testing.assert_allclose(drawn[1][0], np.interp(x, run.x, run.T_spot[k]))
+        behind = cells[m.start[m.last : -1] + m.n_road - 1]
+        wake = np.interp(centres_of(ax.images[2])[0], m.x_centre[m.last :], behind)
+        np.testing.assert_allclose(drawn[2][0], wake, rtol=1e-6)
+        hottest = ax.lines[0].get_xdata()[0]
+        assert hottest == 1e3 * run.x[np.argmax(run.T_spot[k])]
+        assert ax.get_title(loc="right") == f"hottest {run.T_spot[k].max():.1f} {theme.DEGREE} at {hottest:.1f} mm"
+        seen += [*cells[m.block].ravel(), *run.T_spot[k], *behind]
+    assert {(i.norm.vmin, i.norm.vmax) for ax in shown for i in ax.images} == {(min(seen), max(seen))}
+
+
+def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(runs, monkeypatch):
+    monkeypatch.setattr(maps, "MOST", 3)
+    assert [ax.get_title(loc="left") for ax in panels(runs["run_in"])] == [f"repetition {r}" for r in (1, 5, 9)]
+    run = runs["worn"]
+    lost = run.x > 0.02
+    image = panels(replace(run, pressure=np.where(lost, 0.0, run.pressure)))[-1].images[1]
+    edge = run.mesh.x[run.mesh.first : run.mesh.last][lost][0]
+    np.testing.assert_array_equal(np.ma.getmaskarray(image.get_array())[0], centres_of(image)[0] > edge)
+    assert not panels(runs["no_friction"])[0].lines  # no place is the hottest
+
+
+def test_worn_shows_face_and_pressure_before_and_after_or_is_skipped(runs):
+    run = runs["worn"]
+    face, press = worn.draw(run).axes
+    for k, height, pressure in zip([0, *clock.ends(run)], face.lines, press.lines, strict=True):
+        np.testing.assert_array_equal(height.get_ydata(), -1e6 * run.worn[k])
+        np.testing.assert_array_equal(pressure.get_ydata(), 1e-6 * run.pressure[k])
+    assert run.worn[-1].min() > 0
+    assert theme.number(1e9 * run.worn_volume, 3) in face.get_title(loc="left")
+    fresh = replace(run, worn=0.0 * run.worn)
+    assert worn.applies(run)
+    assert worn.applies(fresh)  # its pressure changed shape
+    grown = np.outer(np.linspace(1.0, 3.0, len(run.time)) * run.sliding, run.pressure[0])
+    assert not worn.applies(replace(fresh, pressure=grown))
+    assert maps.applies(runs["no_wait"])
+    assert not worn.applies(runs["no_wait"])
+
+
+@pytest.mark.parametrize(("name", "more"), [("one", []), ("worn", ["run_in", "worn"])])
+def test_draw_all_writes_what_applies_and_leaves_matplotlib_alone(runs, tmp_path, name, more):
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    written = flashtemp.viz.draw_all(runs["one"], tmp_path)
-    assert [p.name for p in written] == ["profile.png", "map.png", "field.png", "friction.png", "budget.png"]
+    written = flashtemp.viz.draw_all(runs[name], tmp_path)
+    assert [p.stem for p in written] == ["profile", "map", "field", "friction", "budget", *more]
     assert sorted(written) == sorted(tmp_path.iterdir())
     assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 5000 for p in written)
     assert dict(matplotlib.rcParams) == before
@@ -238,12 +304,13 @@ def test_a_second_copy_is_refused(monkeypatch):
 
 
 def test_pictures_do_without_pyplot_and_importing_viz_without_matplotlib(runs, tmp_path):
-    (tmp_path / "run").write_bytes(pickle.dumps(runs["one"]))
+    (tmp_path / "run").write_bytes(pickle.dumps(runs["worn"]))
     code = (
         "import flashtemp.viz, pathlib, pickle, sys\n"
         "assert 'matplotlib' not in sys.modules\n"
         "run = pickle.loads(pathlib.Path('run').read_bytes())\n"
         "flashtemp.viz.draw_all(run, '.')\n"
+        "flashtemp.viz.animate(run, '.')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)

@@ -3,17 +3,30 @@
 if __name__ != "flashtemp.viz":
     raise ImportError("import flashtemp.viz, not viz: a second copy breaks isinstance")
 
+from importlib import import_module
 from pathlib import Path
 
-PICTURES = {"profile": "profile", "film": "map", "field": "field", "friction": "friction", "budget": "budget"}
+PICTURES = {
+    "profile": "profile", "film": "map", "field": "field", "friction": "friction", "budget": "budget",
+    "maps": "run_in", "worn": "worn",
+}  # fmt: skip
+
+
+def applies(module: str, run) -> bool:
+    """Whether a picture shows anything of a run; its module says so by a function of the same name."""
+    return getattr(import_module(f"flashtemp.viz.{module}"), "applies", lambda run: True)(run)
 
 
 def draw_all(run, folder) -> list[Path]:
-    """Draw every picture of a run into a folder that exists: profile, map, field, friction, budget as .png."""
-    from importlib import import_module
-
+    """Draw the pictures that apply to a run into a folder that exists, each as NAME.png of PICTURES."""
     out = []
     for module, name in PICTURES.items():
-        out.append(Path(folder) / f"{name}.png")
-        import_module(f"flashtemp.viz.{module}").draw(run).savefig(out[-1], dpi=160)
+        if applies(module, run):
+            out.append(Path(folder) / f"{name}.png")
+            import_module(f"flashtemp.viz.{module}").draw(run).savefig(out[-1], dpi=160)
     return out
+
+
+def animate(run, folder) -> Path:
+    """Write the animation of a run, run_in.gif, into a folder that exists."""
+    return import_module("flashtemp.viz.animation").write(run, Path(folder) / "run_in.gif")

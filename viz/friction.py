@@ -24,18 +24,11 @@ def draw(run) -> Figure:
     fig = theme.figure(run, theme.WIDE if several else theme.NARROW, 3.1)
     axes = fig.subplots(1, 2, width_ratios=[1.5, 1.0]) if several else [fig.add_subplot()]
     fig.get_layout_engine().set(wspace=0.04)
-    colours = _colours(len(numbers))
+    colours = theme.repetitions(len(numbers))
     _within(fig, axes[0], run, numbers, colours)
     if several:
         _per_repetition(axes[1], run, numbers, colours)
     return fig
-
-
-def _colours(count: int) -> np.ndarray:
-    """One colour per repetition, dark to light green-yellow, never too pale for white paper."""
-    from matplotlib import colormaps
-
-    return colormaps[theme.REPETITIONS](np.linspace(0.0, 0.88, count))
 
 
 def slid_within(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:

@@ -82,6 +82,13 @@ def temperature_norm(*values: np.ndarray) -> Normalize:
     return Normalize(low, max(high, low + 1.0))
 
 
+def repetitions(count: int) -> np.ndarray:
+    """One colour (RGBA) per repetition, dark to light green-yellow, never too pale for white paper."""
+    from matplotlib import colormaps
+
+    return colormaps[REPETITIONS](np.linspace(0.0, 0.88, count))
+
+
 def span(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
     """Lowest and highest of all values, at least `least` apart, widened by a share `margin` of it."""
     flat = np.concatenate([np.ravel(v) for v in values])

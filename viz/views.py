@@ -1,0 +1,100 @@
+"""A kept frame as the run-in is looked at: side wall of the block, its contact, and the wake on the road behind it.
+
+Images of even pixels in degC, linear between cell centres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.mesh import centres
+from flashtemp.viz import theme
+from flashtemp.viz.clock import ends
+
+COLUMNS, ROWS = 400, 112  # along the block and up the block: finer than its pixels in every picture
+STRIP, GAP = 0.24, 0.06  # height of the strip and its distance from the block, in heights of the block
+NAMED = 0.85  # the wake is named where it takes more than the rest of the axis
+
+
+def side_wall(run, frame: int) -> np.ndarray:
+    """Block temperature (ROWS, COLUMNS) over z and x; in 2D the side wall is the section of the block."""
+    mesh = run.mesh
+    T = theme.between(run.field[frame][mesh.block], run.x, _pixels(0.0, mesh.x[mesh.last], COLUMNS))
+    return theme.between(T.T, centres(mesh.height), _pixels(0.0, mesh.height[-1], ROWS))
+
+
+def contact(run, frame: int) -> np.ndarray:
+    """Temperature in the spots (1, COLUMNS) along the block, nan where the block does not touch the road."""
+    mesh, k = run.mesh, run.frames[frame]
+    x = _pixels(0.0, mesh.x[mesh.last], COLUMNS)
+    spots = theme.between(run.T_spot[k][:, None], run.x, x).T
+    line = np.searchsorted(mesh.x[mesh.first : mesh.last + 1], x, side="right") - 1
+    return np.where(run.pressure[k][line] > 0, spots, np.nan)
+
+
+def wake(run, frame: int) -> np.ndarray:
+    """Road surface (1, COLUMNS) from the trailing edge to the end of the road shown, mean of the lanes."""
+    mesh = run.mesh
+    x = _pixels(mesh.x[mesh.last], mesh.x[-1], COLUMNS)
+    return theme.between(surface(run, frame)[:, None], mesh.x_centre[mesh.last :], x).T
+
+
+def surface(run, frame: int) -> np.ndarray:
+    """Road surface cells behind the block (lines,) in degC."""
+    return run.field[frame][run.mesh.road[run.mesh.last :, -1]]
+
+
+def has_wake(run) -> bool:
+    """Whether any road behind the block was simulated."""
+    return run.mesh.last < run.mesh.n_lines
+
+
+def extremes(run, frames) -> np.ndarray:
+    """Lowest and highest temperature (degC) that the three views of these frames show."""
+    seen = [run.field[frames][:, run.mesh.block]]
+    seen.append(np.where(run.pressure[run.frames[frames]] > 0, run.T_spot[run.frames[frames]], np.nan))
+    seen.extend(surface(run, i) for i in frames)
+    flat = np.concatenate([np.ravel(v) for v in seen])
+    return np.array([np.nanmin(flat), np.nanmax(flat)])
+
+
+def paint(ax, run, frame: int, norm, cmap=None) -> list:
+    """Draw side wall above a strip of contact and wake, in mm; returns the images in this order."""
+    length, height, far = 1e3 * np.array([run.mesh.x[run.mesh.last], run.mesh.height[-1], run.mesh.x[-1]])
+    strip = (-(GAP + STRIP) * height, -GAP * height)
+    extents = {side_wall: (0.0, length, 0.0, height), contact: (0.0, length, *strip), wake: (length, far, *strip)}
+    if not has_wake(run):
+        del extents[wake]
+    style = {"cmap": cmap or theme.temperature_map(), "norm": norm, "origin": "lower", "interpolation": "nearest"}
+    images = [ax.imshow(view(run, frame), extent=e, aspect="auto", **style) for view, e in extents.items()]
+    ax.vlines(length, *strip, color="white", lw=1.0)
+    if length < NAMED * far:
+        ax.text(far, 0.0, "wake", ha="right", fontsize=7.5)
+    ax.set(xlim=(0.0, far), ylim=(strip[0], height))
+    ax.set_yticks([np.mean(strip), 0.0, height], ["contact", "0", theme.number(height)])
+    ax.yaxis.get_major_ticks()[1].label1.set_verticalalignment("bottom")  # clear of the word below
+    ax.tick_params(axis="y", length=0)
+    ax.spines[["left", "bottom"]].set_visible(False)
+    return images
+
+
+def move(images: list, run, frame: int) -> None:
+    """Set the images of `paint` to another frame."""
+    for image, view in zip(images, (side_wall, contact, wake), strict=False):
+        image.set_data(view(run, frame))
+
+
+def last_frames(run) -> dict[int, int]:
+    """The last frame of sliding of every repetition, {repetition: index into run.field}."""
+    sliding = np.flatnonzero(run.sliding[run.frames])
+    return {int(run.repetition[run.frames[i]]): int(i) for i in sliding}
+
+
+def several(run) -> bool:
+    """Whether a run has more than one repetition to compare."""
+    return len(ends(run)) > 1
+
+
+def _pixels(low: float, high: float, count: int) -> np.ndarray:
+    """Centres (count,) of even pixels from `low` to `high`, m."""
+    return centres(np.linspace(low, high, count + 1))

@@ -8,7 +8,7 @@ import numpy as np
 
 from flashtemp.case import build, load, settings
 from flashtemp.march import march
-from flashtemp.viz import field, film, profile, theme
+from flashtemp.viz import field, film, maps, profile, theme, worn
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "pictures"
@@ -97,8 +97,8 @@ def main() -> None:
     }  # fmt: skip
     exponents(laws).savefig(OUT / "exponent.png", dpi=130)
     run_in = simulate("run_in")
-    for name, fig in (("run_in_map", film.draw(run_in)), ("run_in_field", field.draw(run_in))):
-        fig.savefig(OUT / f"{name}.png", dpi=110)
+    for name, module in (("run_in", maps), ("run_in_map", film), ("run_in_field", field), ("worn", worn)):
+        module.draw(run_in).savefig(OUT / f"{name}.png", dpi=110)
     profile.draw(simulate("uniform_pressure")).savefig(OUT / "profile.png", dpi=110)
     speeds = np.array([0.1, 0.25, 0.5, 1.0])
     sweep = {

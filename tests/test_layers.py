@@ -26,8 +26,11 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["track", "run", "cvode"],
     ["march"],
     ["keys", "case"],
+    ["camera"],
     ["export", "job", "verify", "exact", "decay", "settling", "waiting"],
     ["viz"],
+    ["terminal"],
+    ["commands"],
     ["__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

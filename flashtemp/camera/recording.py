@@ -1,0 +1,196 @@
+"""A recording: what one camera saw of one test, in degC, with time and place of every pixel (contract 5.4)."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+
+VIEWS = {
+    "sidewall": "u = x from the leading edge, v = z above the interface",
+    "wake": "road behind the block: u = x > L, v = y from the centre line",
+    "profile": "no v: block surface along x",
+}
+OPTIONAL = {  # attribute: unit, lowest, highest value
+    "emissivity": ("1", 0.05, 1.0),
+    "reflected_degC": ("degC", -273.0, 1500.0),
+    "netd_K": ("K", 0.0, 10.0),
+    "fixed_pattern_K": ("K", 0.0, 10.0),
+    "psf_sigma_px": ("px", 0.0, 50.0),
+    "exposure_s": ("s", 0.0, 10.0),
+    "fps": ("1/s", 0.0, 1e6),
+    "registration_sigma_px": ("px", 0.0, 100.0),
+}
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Frames of one view: `temperature` (frames, nv, nu) degC, NaN = dead pixel; a profile has nv = 1.
+
+    `time` (frames,) s from the first start of sliding, `repetition` (frames,) 1-based, during a wait the
+    one before; `u` (nu,), `v` (nv,) pixel centres in m, increasing; `source` where it came from.  The rest
+    is what is known of the camera, None where it is not: `netd_K` noise of one pixel of one frame,
+    `fixed_pattern_K` scatter between pixels that stays, `psf_sigma_px` blur, `registration_sigma_px` how well
+    the origin of the image is known.
+    """
+
+    view: str
+    temperature: np.ndarray
+    time: np.ndarray
+    repetition: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    emissivity: float | None = None
+    reflected_degC: float | None = None
+    netd_K: float | None = None
+    fixed_pattern_K: float | None = None
+    psf_sigma_px: float | None = None
+    exposure_s: float | None = None
+    fps: float | None = None
+    registration_sigma_px: float | None = None
+    source: str = ""
+
+    def __post_init__(self):
+        if fault := self._fault():
+            raise BadInput(fault)
+
+    def _fault(self) -> str | None:
+        """What makes this no recording, in one line, or None."""
+        if self.view not in VIEWS:
+            return f"view: {self.view!r}; give {', '.join(VIEWS)}"
+        frames = len(self.time)
+        shape = (frames, len(self.v), len(self.u))
+        if self.temperature.shape != shape:
+            return f"temperature: shape {self.temperature.shape}; its coordinates (frame, v, u) ask for {shape}"
+        if self.view == "profile" and len(self.v) != 1:
+            return f"v: {len(self.v)} rows; a profile has none"
+        if not frames or not len(self.u) or not len(self.v):
+            return f"temperature: shape {shape}; at least one frame and one pixel are needed"
+        for name in ("time", "u", "v"):
+            values = getattr(self, name)
+            if not np.all(np.isfinite(values)):
+                return f"{name}: holds values that are not finite; repair them"
+            if name != "time" and np.any(np.diff(values) <= 0):
+                return f"{name}: pixel centres must increase; turn the image and give them in m"
+        if np.any(np.diff(self.time) < 0):
+            return "time: frames must be in order of time, in s from the first start of sliding"
+        if self.repetition.shape != (frames,) or np.any(self.repetition < 1):
+            return "repetition: one number for every frame, counted from 1"
+        if not np.any(np.isfinite(self.temperature)):
+            return "temperature: no pixel holds a number; choose other frames or another file"
+        for name, (unit, low, high) in OPTIONAL.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                return f"{name}: {value:g}; give {low:g} to {high:g} {unit}"
+        return None
+
+    @property
+    def frames(self) -> int:
+        return len(self.time)
+
+    @property
+    def pitch(self) -> tuple[float, float]:
+        """Distance between pixels along u and v, m (mean; inf where there is only one)."""
+        return tuple(float(np.diff(a).mean()) if len(a) > 1 else float("inf") for a in (self.u, self.v))
+
+    def dataset(self):
+        """The xarray Dataset of contract 5.4."""
+        import xarray as xr
+
+        flat = self.view == "profile"
+        data = self.temperature[:, 0] if flat else self.temperature
+        coords = {
+            "time": ("frame", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
+            "repetition": ("frame", self.repetition, {"units": "1", "long_name": "repetition, 1-based"}),
+            "u": ("u", self.u, {"units": "m"}),
+        }
+        if not flat:
+            coords["v"] = ("v", self.v, {"units": "m"})
+        known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
+        return xr.Dataset(
+            {"temperature": (("frame", "u") if flat else ("frame", "v", "u"), data, {"units": "degC"})},
+            coords=coords,
+            attrs={"view": self.view, "source": self.source, "Conventions": "CF-1.11"} | known,
+        )
+
+    def save(self, path) -> None:
+        """Write NetCDF-4; replaces the file only when whole."""
+        path = Path(path)
+        ds = self.dataset()
+        encoding = {"temperature": {"zlib": True, "complevel": 4}, "time": {"dtype": "float64"}}
+        fresh = path.with_name(path.name + ".new")
+        try:
+            fresh.write_bytes(bytes(ds.to_netcdf(engine="h5netcdf", encoding=encoding)))
+            fresh.replace(path)
+        finally:
+            fresh.unlink(missing_ok=True)
+
+    def chosen(self, keep: np.ndarray) -> Recording:
+        """The same with some of its frames: indices or a mask (frames,)."""
+        return replace(self, temperature=self.temperature[keep], time=self.time[keep], repetition=self.repetition[keep])
+
+    def __str__(self) -> str:
+        T = self.temperature[np.isfinite(self.temperature)]
+        size = f"{len(self.u)} pixels" if self.view == "profile" else f"{len(self.u)} x {len(self.v)} pixels"
+        du, dv = (1e3 * p for p in self.pitch)
+        pitch = f"{du:.3g} mm" if self.view == "profile" else f"{du:.3g} x {dv:.3g} mm"
+        dead = 100 * (1 - len(T) / self.temperature.size)
+        return (
+            f"Recording '{self.view}' of {self.frames} frames, {size} of {pitch}\n"
+            f"  time {self.time[0]:g} to {self.time[-1]:g} s, repetitions {self.repetition.min()} to"
+            f" {self.repetition.max()}\n"
+            f"  {T.min():.2f} to {T.max():.2f} degC, {dead:.2g} % dead pixels"
+        )
+
+
+def load(path) -> Recording:
+    """Read a recording (NetCDF); BadInput names the file and what is missing or wrong."""
+    import xarray as xr
+
+    path = Path(path)
+    if not path.is_file():
+        raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
+            ds.load()
+    except Exception as fault:  # h5netcdf raises whatever the damage provokes
+        what = " ".join(str(fault).split())
+        raise BadInput(f"{path}: not a NetCDF recording ({what}); write it with flashtemp import") from fault
+    missing = [k for k in ("temperature", "time", "repetition", "u") if k not in ds.variables]
+    if missing or "view" not in ds.attrs:
+        what = ", ".join([*missing, *([] if "view" in ds.attrs else ["attribute view"])])
+        raise BadInput(
+            f"{path}: {what} missing; a recording holds temperature(frame, v, u), time, repetition, u, v, view"
+        )
+    view, T = str(ds.attrs["view"]), ds["temperature"]
+    wanted = ("frame", "u") if view == "profile" else ("frame", "v", "u")
+    if set(T.dims) != set(wanted):
+        raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
+    values = T.transpose(*wanted).values.astype(float)
+    flat = view == "profile"
+    if not flat and "v" not in ds.variables:
+        raise BadInput(f"{path}: v missing; give the pixel centres v in m")
+    known = {f.name for f in fields(Recording)} & set(OPTIONAL)
+    given = {}
+    for name in known & set(ds.attrs):
+        with contextlib.suppress(TypeError, ValueError):
+            given[name] = float(ds.attrs[name])
+        if name not in given:
+            raise BadInput(f"{path}: {name}: {ds.attrs[name]!r}; give a number")
+    try:
+        return Recording(
+            view,
+            values[:, None, :] if flat else values,
+            ds["time"].values.astype(float),
+            ds["repetition"].values.astype(int),
+            ds["u"].values.astype(float),
+            np.zeros(1) if flat else ds["v"].values.astype(float),
+            source=str(ds.attrs.get("source", "")),
+            **given,
+        )
+    except BadInput as fault:
+        raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault

@@ -1,0 +1,152 @@
+"""Commands on one case: run, check, converge; and the catalogue of effects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from flashtemp.errors import BadInput
+from flashtemp.terminal import DONE, Json, Switch, emit, progress_bar, tell
+
+
+def run(
+    case: Annotated[str | None, Parameter(help="A case folder or a .toml file.")] = None,
+    /,
+    *overrides: str,
+    out: Path | None = None,
+    resume: Path | None = None,
+    overwrite: Annotated[bool, Switch] = False,
+    pvd: Annotated[bool, Switch] = False,
+    json: Json = False,
+) -> int:
+    """Simulate a case: T(x, t), pictures and VTK in a result folder.
+
+    Parameters
+    ----------
+    overrides
+        Keys of the case to change, as table.key=value; files are looked up beside the case.
+    out
+        Result folder; results/CASE when not given.
+    resume
+        Go on with the interrupted run of this result folder.
+    overwrite
+        Replace an existing result folder.
+    pvd
+        Also write a .pvd series for older ParaView.
+    """
+    from flashtemp import job
+    from flashtemp.case import load
+
+    if (case is None) == (resume is None):
+        raise BadInput("run: give one CASE, or --resume DIR to go on with an interrupted run")
+    say = (lambda text: None) if json else tell
+    if resume is not None:
+        if overrides:
+            raise BadInput("--resume: an interrupted run goes on as it was; leave out the key=value")
+        with progress_bar("resuming") as watch:
+            result = job.resume(resume, pvd, watch, say)
+        folder = resume.with_name(resume.name.removesuffix(".partial"))
+    else:
+        loaded = load(case, list(overrides))
+        folder = out or job.free_name(Path("results") / loaded.name)
+        with progress_bar(loaded.name) as watch:
+            result = job.simulate(loaded, folder, overwrite, pvd, watch, say)
+    emit(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
+    return DONE
+
+
+def check(file: Path, /, *overrides: str, json: Json = False) -> int:
+    """Validate a case with exactly the code of run, and print what it would simulate.
+
+    Parameters
+    ----------
+    file
+        A case folder or a .toml file.
+    overrides
+        Keys of the case to change, as table.key=value.
+    """
+    from flashtemp.case import build, load, settings
+
+    case = load(file, list(overrides))
+    settings(case)
+    scene = build(case)
+    emit(
+        {"ok": True, "case": case.name, "effects": list(case.effects), "cells": scene.mesh.n_cells}, json, f"{case}\nok"
+    )
+    return DONE
+
+
+def converge(case: str, /, *overrides: str, json: Json = False) -> int:
+    """Observed order of accuracy and error estimate of a case, by refining it.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file.
+    overrides
+        Keys of the case to change, as table.key=value.
+    """
+    from flashtemp.case import load
+    from flashtemp.verify import QUANTITIES
+    from flashtemp.verify import converge as refine
+
+    result = refine(load(case, list(overrides)), (lambda text: None) if json else tell)
+    rows = [
+        f"  {name:26s} {result.values[1][i]:12.6g}   order {result.order[i]:5.2f}   "
+        f"error: space {result.space[i]:.2g}, time {result.time[i]:.2g}"
+        for i, name in enumerate(QUANTITIES)
+    ]
+    cells = " / ".join(map(str, result.cells))
+    text = "\n".join(
+        [f"{cells} cells", *rows, f"  T(x) differs from the finest level by {result.profile_percent:.3f} %"]
+    )
+    emit(result.as_dict(), json, text)
+    return DONE
+
+
+def effects(name: str | None = None, json: Json = False) -> int:
+    """The catalogue: every effect with its cause in words, parameters, units and source.
+
+    Parameters
+    ----------
+    name
+        Show this effect only.
+    """
+    from flashtemp.effect import catalogue, find
+
+    chosen = {name: find(name)} if name else catalogue()
+    entries = [describe(n, e) for n, e in chosen.items()]
+    lines = []
+    for e in entries:
+        lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
+        for p in e["parameters"]:
+            off = "" if p["off"] is None else f", off = {p['off']:g}"
+            lines.append(
+                f"    {p['key']} = {p['default']} {p['unit']}: {p['about']} [{p['low']:g}, {p['high']:g}]{off}"
+            )
+        if name:
+            lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
+    emit(entries, json, "\n".join(lines))
+    return DONE
+
+
+def describe(name: str, effect) -> dict:
+    """One effect of the catalogue as plain data; infinite numbers as text, which JSON can hold."""
+    section = effect.section if effect.base else name
+    plain = [
+        {
+            "key": f"{section}.{k}", "default": p.value, "unit": p.unit, "about": p.about,
+            "low": p.low, "high": p.high, "off": p.off,
+        }
+        for k, p in effect.params().items()
+    ]  # fmt: skip
+    return {
+        "name": name,
+        "always": effect.base,
+        "cause": effect.cause,
+        "source": effect.source,
+        "tells": list(effect.tells),
+        "parameters": plain,
+    }

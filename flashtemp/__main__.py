@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter
 
 from flashtemp import __version__
-from flashtemp.commands import questions, simulate
+from flashtemp.commands import camera, questions, simulate
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.terminal import BAD, DONE, FAILED, STOPPED, tell
 
@@ -23,6 +23,7 @@ COMMANDS = (
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)
+app.command(camera.import_, name="import")
 
 
 def later(what: str):
@@ -31,13 +32,12 @@ def later(what: str):
     def command(
         *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
     ) -> int:
-        raise BadInput(f"{what}: this version of flashtemp cannot do it yet; run, check, converge and effects work")
+        raise BadInput(f"{what}: this version of flashtemp cannot do it yet; flashtemp --help lists what works")
 
     return command
 
 
 LATER = {
-    "import": "camera files -> one recording",
     "compare": "simulate what the camera saw, subtract, draw",
     "discover": "find what the simulation gets wrong and name the cause",
     "plan": "before measuring: which effects the views and conditions can tell apart",

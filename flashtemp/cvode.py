@@ -18,7 +18,7 @@ class Tolerance:
 
     rtol: float
     atol: float
-    order: int = 5
+    order: int = 3
     max_step: float = 0.0
 
 

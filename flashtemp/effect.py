@@ -128,6 +128,10 @@ class Effect:
         """Contributions to the balance of `scene`."""
         return iter(())
 
+    def see(self, p) -> Iterator[Factor | Term]:
+        """Contributions to what a camera makes of the temperatures."""
+        return iter(())
+
 
 @cache
 def catalogue() -> dict[str, type[Effect]]:

@@ -19,14 +19,18 @@ from flashtemp.track import Track
 
 @dataclass(frozen=True)
 class Settings:
-    """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait."""
+    """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait.
+
+    `times` (s): moments at which profiles and fields are kept besides.
+    """
 
     binding: str
     rtol: float = 1e-4
     atol: float | None = None
-    order: int = 5
+    order: int = 3
     profiles: int = 40
     fields: int = 6
+    times: tuple[float, ...] = ()
 
 
 @dataclass
@@ -100,6 +104,8 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     times = record_times(phase, scene.schedule, settings).tolist()
     total, wanted = len(times), -(-settings.fields // stretches(phase, scene.schedule)) if phase.sliding else 2
     keep = {times[round(i * (total - 1) / max(1, wanted - 1))] for i in range(wanted)} if times else set()
+    asked = {t for t in settings.times if phase.begin < t <= phase.end or t == phase.begin == 0.0}
+    times, keep = sorted({*times, *asked}), keep | asked
     if resumed:
         times = [t for t in times if t > now.t]
     t, y = (now.t, now.y) if resumed else (phase.begin, now.y)
@@ -241,6 +247,8 @@ def _record(balance, stage, t, y, now, frame) -> None:
     lanes = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
     cells = T + C0
     cells[mesh.road] = C0 + entering + lanes[:, None] * (T[mesh.road] - entering)
+    behind = T[mesh.road[mesh.last :, -1]]  # lanes keep their heat as they widen: so does the mean across y
+    wake = C0 + under + float(np.mean(state.phi)) * (behind - under)
     block, road = np.add(balance.stored(y), now.left)
     energy = dict(zip(balance.ledger, y[balance.books], strict=True)) | {
         "block": block,
@@ -255,6 +263,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
         "T_block": surface + C0,
         "T_spot": spot,
         "T_road": lane,
+        "T_wake": wake,
         "pressure": state.pressure * (1.0 if moment.touching else 0.0),
         "friction": mu,
         "worn": worn,
@@ -289,6 +298,7 @@ def _finish(scene, balance, now, title) -> Run:
         T_block=np.array(r["T_block"]),
         T_spot=np.array(r["T_spot"]),
         T_road=np.array(r["T_road"]),
+        T_wake=np.array(r["T_wake"]),
         pressure=np.array(r["pressure"]),
         friction=np.array(r["friction"]),
         worn=np.array(r["worn"]),

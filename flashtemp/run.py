@@ -17,7 +17,8 @@ class Run:
     """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
-    `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `friction` (n,) load
+    `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `T_wake` (n, lines behind it) road
+    surface averaged across y, over lanes and gaps; `friction` (n,) load
     weighted; `worn` (n, lines) worn depth in m; `tilt` (n,) of the holder in rad, leading edge down;
     `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
     `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
@@ -32,6 +33,7 @@ class Run:
     T_block: np.ndarray
     T_spot: np.ndarray
     T_road: np.ndarray
+    T_wake: np.ndarray
     pressure: np.ndarray
     friction: np.ndarray
     worn: np.ndarray
@@ -49,6 +51,11 @@ class Run:
     def x(self) -> np.ndarray:
         """Line centres under the block, m from the leading edge."""
         return self.mesh.x_block
+
+    @property
+    def x_wake(self) -> np.ndarray:
+        """Line centres behind the block, m from the leading edge."""
+        return self.mesh.x_centre[self.mesh.last :]
 
     @cached_property
     def last(self) -> int:
@@ -142,6 +149,11 @@ class Run:
             "T_block": (along, self.T_block, {"units": "degC", "long_name": "block surface, averaged across y"}),
             "T_spot": (along, self.T_spot, {"units": "degC", "long_name": "in the macroasperity contact regions"}),
             "T_road": (along, self.T_road, {"units": "degC", "long_name": "road surface in the lanes"}),
+            "T_wake": (
+                ("time", "x_wake"),
+                self.T_wake,
+                {"units": "degC", "long_name": "road surface behind, averaged across y"},
+            ),
             "pressure": (along, self.pressure, {"units": "Pa", "long_name": "nominal contact pressure"}),
             "worn": (along, self.worn, {"units": "m", "long_name": "worn depth of the block"}),
             "tilt": ("time", self.tilt, {"units": "rad", "long_name": "turn of the holder, leading edge down"}),
@@ -158,6 +170,7 @@ class Run:
             coords={
                 "time": ("time", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
                 "x": ("x", self.x, {"units": "m", "long_name": "distance from the leading edge"}),
+                "x_wake": ("x_wake", self.x_wake, {"units": "m", "long_name": "place behind the block"}),
             },
             attrs={"title": self.title, "ambient_degC": self.ambient_degC, "Conventions": "CF-1.11"},
         )

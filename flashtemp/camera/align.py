@@ -1,0 +1,57 @@
+"""Where the image really is: one small shift per recording, by Gauss-Newton with exact resampling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.camera.operator import Seen, observe
+from flashtemp.camera.recording import Recording
+
+STEP = 1e-30
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Shift of an image along u and v in px with its standard errors, and what is seen with it."""
+
+    shift: tuple[float, float]
+    error: tuple[float, float]
+    seen: Seen
+
+
+def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0) -> Alignment:
+    """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
+
+    `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A profile and any direction with a
+    single row of pixels cannot be shifted.
+    """
+    axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1]
+    shift = np.zeros(2)
+    seen = observe(run, scene, recording, acting)
+    if known <= 0.0:
+        return Alignment((0.0, 0.0), (0.0, 0.0), seen)
+    for _ in range(8):
+        left = _column(weigh, recording.temperature - seen.temperature, seen)
+        slopes = []
+        for a in axes:
+            moved = shift + 1j * STEP * np.eye(2)[a]
+            slopes.append(_column(weigh, observe(run, scene, recording, acting, moved).temperature.imag / STEP, seen))
+        J = np.stack(slopes, axis=1)
+        good = np.isfinite(left)
+        normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
+        step = np.linalg.solve(normal, J[good].T @ left[good] - shift[axes] / known**2)
+        step = np.clip(step, -1.0, 1.0)
+        shift[axes] += step
+        seen = observe(run, scene, recording, acting, shift)
+        if np.abs(step).max() < 1e-6:
+            break
+    error = np.zeros(2)
+    error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return Alignment(tuple(map(float, shift)), tuple(map(float, error)), seen)
+
+
+def _column(weigh, values: np.ndarray, seen: Seen) -> np.ndarray:
+    """Residuals or slopes (frames, nv, nu) K as one column in sigma, NaN where the edge of a body is seen."""
+    return weigh(np.where(seen.inside, values, np.nan)).ravel()

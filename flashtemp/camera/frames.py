@@ -1,0 +1,139 @@
+"""Frames: what one camera file holds, before anybody has said where and when it was seen."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from flashtemp.camera.radiometry import KELVIN, ObjectParameters, Planck
+from flashtemp.errors import BadInput
+
+MOST_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
+UNITS = {
+    "degC": "degC",
+    "C": "degC",
+    "celsius": "degC",
+    "K": "K",
+    "kelvin": "K",
+    "mK": "mK",
+    "degF": "degF",
+    "F": "degF",
+}
+WARMEST_UNSAID = 150.0  # a median above this could be kelvin: ask
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Images of one file: `temperature` (frames, rows, columns) degC, row 0 at the top, NaN where none is known.
+
+    `clock` (frames,) s on the camera's clock (1970, its own time zone), `time` (frames,) s where the file counts
+    from a start; `said` the object parameters that the file states, `parameters` those that `temperature` was
+    computed with (counts only), `counts` and `planck` of radiometric files.  `outside`: pixels beyond the
+    camera's range; `difference`: K, not degC (a lock-in amplitude).  Recordings know their place already:
+    `view`, `repetition`, `u`, `v` (m).
+    """
+
+    format: str
+    temperature: np.ndarray
+    clock: np.ndarray | None = None
+    time: np.ndarray | None = None
+    said: dict[str, float] = field(default_factory=dict)
+    parameters: ObjectParameters | None = None
+    counts: np.ndarray | None = None
+    planck: Planck | None = None
+    camera: str = ""
+    fps: float | None = None
+    outside: int = 0
+    notes: tuple[str, ...] = ()
+    difference: bool = False
+    view: str | None = None
+    repetition: np.ndarray | None = None
+    u: np.ndarray | None = None
+    v: np.ndarray | None = None
+
+    def __post_init__(self):
+        T = self.temperature
+        if T.ndim != 3 or T.size == 0:
+            raise BadInput(f"holds an array of shape {T.shape}; give images (rows, columns) or (frame, rows, columns)")
+        if not np.any(np.isfinite(T)):
+            raise BadInput("no pixel holds a temperature; choose another file or repair its parameters")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of one image."""
+        return self.temperature.shape[1:]
+
+    def every(self, step: int) -> Frames:
+        """The same with one frame of `step`."""
+        if step == 1:
+            return self
+        chosen = {}
+        for name in ("temperature", "clock", "time", "counts", "repetition"):
+            values = getattr(self, name)
+            chosen[name] = values if values is None else values[::step]
+        kept = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Frames(**(kept | chosen | {"fps": self.fps / step if self.fps else None}))
+
+    def __str__(self) -> str:
+        T = self.temperature[np.isfinite(self.temperature)]
+        many = f"{len(self.temperature)} frames of " if len(self.temperature) > 1 else ""
+        camera = f", {self.camera}" if self.camera else ""
+        size, unit = f"{self.shape[1]} x {self.shape[0]} pixels", "K" if self.difference else "degC"
+        return f"{self.format}{camera}, {many}{size}, {T.min():.2f} to {T.max():.2f} {unit}"
+
+
+def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
+    """Values in degC and a note, from a unit that may be unknown; BadInput where it must be asked for.
+
+    `difference`: the values are differences of temperatures (a lock-in amplitude), K.
+    """
+    values = np.asarray(values, dtype=float)
+    if unit is None:
+        known = values[np.isfinite(values)]
+        middle = float(np.median(known)) if known.size else 0.0
+        if not -100 < middle < WARMEST_UNSAID:
+            raise BadInput(
+                f"values {known.min():g} to {known.max():g} in a unit that the file does not say; give --unit"
+                " degC, K, mK or degF, or --scale and --offset for counts"
+            )
+        return values, "unit not said in the file, taken as degC"
+    known = {k.lower(): v for k, v in UNITS.items()}.get(unit.strip().lstrip("°").lower().replace("deg ", "deg"))
+    if known is None:
+        raise BadInput(f"unit: {unit!r}; give --unit degC, K, mK or degF")
+    scale = {"mK": 1e-3, "degF": 1 / 1.8}.get(known, 1.0)
+    offset = {"degC": 0.0, "degF": -32 / 1.8}.get(known, -KELVIN)
+    return scale * values + (0.0 if difference else offset), ""
+
+
+def linear(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
+    """Temperatures, degC, of counts that a camera wrote as (T - offset)/scale; both must be said."""
+    if scale is None or offset is None:
+        missing = " and ".join(k for k, v in (("--scale", scale), ("--offset", offset)) if v is None)
+        raise BadInput(
+            f"{what} of {counts.min()} to {counts.max()} counts; give {missing}: T = scale count + offset in degC,"
+            " often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
+        )
+    T = scale * counts.astype(float) + offset
+    middle = float(np.median(T))
+    if not -100 <= middle <= 1500:
+        raise BadInput(
+            f"scale: {scale:g} and offset {offset:g} make {T.min():.4g} to {T.max():.4g} degC of {what}; give the"
+            " camera's own, often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
+        )
+    return T
+
+
+def stacked(values: np.ndarray) -> np.ndarray:
+    """Images as (frames, rows, columns), from (rows, columns) or (frames, rows, columns)."""
+    return values[None] if values.ndim == 2 else values
+
+
+def need(module: str):
+    """A module of the extra `camera`; BadInput says how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as fault:
+        package = {"skimage.transform": "scikit-image"}.get(module, module)
+        raise BadInput(f"needs {package}, which is not installed; use pip install 'flashtemp[camera]'") from fault

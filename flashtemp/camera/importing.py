@@ -1,0 +1,338 @@
+"""Camera files -> one Recording: read, correct, place, time; what nobody has said is asked for in one line."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.camera import files, geometry, timing
+from flashtemp.camera.frames import Frames
+from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
+from flashtemp.camera.recording import Recording
+from flashtemp.camera.template import Facts, option
+from flashtemp.errors import BadInput, nearest
+
+MM = 1e-3
+NO_CAMERA_FILE = {".toml", ".md", ".nc", ".xml", ".ini", ".py"}  # not taken out of a folder by itself
+CAMERA = {  # fact: attribute of the recording
+    "netd": "netd_K", "fixed_pattern": "fixed_pattern_K", "psf_sigma": "psf_sigma_px", "exposure": "exposure_s",
+    "registration_sigma": "registration_sigma_px",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A recording with what was recognised and done on the way (`notes`), its files, and the block (m) if known."""
+
+    recording: Recording
+    notes: tuple[str, ...]
+    files: tuple[Path, ...]
+    block: tuple[float, float] | None = None
+
+    def as_dict(self) -> dict:
+        """Plain numbers and text for JSON."""
+        r = self.recording
+        T = r.temperature[np.isfinite(r.temperature)]
+        known = {f.name: v for f in fields(r) if isinstance(v := getattr(r, f.name), (int, float))}
+        return {
+            "view": r.view,
+            "files": [str(f) for f in self.files],
+            "recognised": list(self.notes),
+            "frames": r.frames,
+            "pixels": [len(r.v), len(r.u)],
+            "u_m": [float(r.u[0]), float(r.u[-1])],
+            "v_m": [float(r.v[0]), float(r.v[-1])],
+            "time_s": [float(r.time[0]), float(r.time[-1])],
+            "repetitions": [int(r.repetition.min()), int(r.repetition.max())],
+            "temperature_degC": [float(T.min()), float(T.max())],
+            "dead_share": float(1 - T.size / r.temperature.size),
+        } | known
+
+
+def found(names: list[str], folder: Path = Path()) -> list[Path]:
+    """Files of names, patterns and folders, in the order given and then by name (img2 before img10)."""
+    out: list[Path] = []
+    for name in names:
+        path = folder / name
+        if path.is_dir():
+            inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+            some = [p for p in inside if p.suffix.lower() not in NO_CAMERA_FILE]
+        elif any(c in name for c in "*?[") and not path.exists():
+            root, pattern = (
+                (Path(path.anchor), str(path.relative_to(path.anchor))) if path.is_absolute() else (Path(), str(path))
+            )
+            some = [p for p in root.glob(pattern) if p.is_file()]
+        else:
+            some = [path]
+        if not some:
+            raise BadInput(f"{path}: no camera files there; give files, a folder or a pattern that matches some")
+        out += sorted(some, key=lambda p: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(p))])
+    if not out:
+        raise BadInput("no camera files; give files, a folder or a recording template (.toml)")
+    return out
+
+
+def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Imported:
+    """The recording of camera files; `told` hears of progress.  BadInput names file or option, and the remedy."""
+    _sane(facts)
+    names = _thinned(names, facts)
+    pieces: list[tuple[Path, Frames]] = []
+    placed: list[np.ndarray] = []
+    notes: list[str] = []
+    place = None
+    for number, path in enumerate(names, 1):
+        frames = _read(path, facts).every(facts.every or 1)
+        if pieces:
+            _alike(pieces[0], (path, frames))
+        else:
+            _ask(path, frames, facts)
+        try:
+            T, said = corrected(frames, facts)
+        except BadInput as fault:
+            raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
+        if place is None:
+            notes += [f"{path}: {frames}", *frames.notes, *said]
+            place = Place(frames, facts, T)
+            notes += place.notes
+        grid = place(T)
+        placed.append(grid.temperature.astype(np.float32))
+        # what has been placed is no longer needed in full
+        pieces.append((path, _light(frames)))
+        if number % 50 == 0:
+            told(f"{number} of {len(names)} files read")
+    if len(names) > 1:
+        notes[0] = f"{len(names)} files, the first: {notes[0]}"
+    if outside := sum(f.outside for _, f in pieces):
+        notes.append(f"{outside} pixel values beyond the camera's range are left out")
+    time = timing.times(pieces, facts)
+    repetition = timing.repetitions(pieces, time, facts)
+    order = np.argsort(time, kind="stable")
+    if np.any(np.diff(order) < 0):
+        notes.append("frames put in order of time")
+    T = np.concatenate(placed)[order]
+    recording = Recording(
+        place.view, T, time[order], repetition[order], grid.u, grid.v,
+        source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
+        **_known(pieces[0][1], facts),
+    )  # fmt: skip
+    return Imported(recording, tuple(notes), tuple(names), _block(facts))
+
+
+def _thinned(names: list[Path], facts: Facts) -> list[Path]:
+    """Every so many files where each holds one frame."""
+    if (facts.every or 1) == 1 or len(names) == 1 or len(_read(names[0], facts).temperature) > 1:
+        return names
+    return names[:: facts.every]
+
+
+def _ask(path: Path, frames: Frames, facts: Facts) -> None:
+    """BadInput with one line for everything that is missing, as far as the first file tells."""
+    seen, lines = [(path, frames)], []
+    needs = [lambda: _view(frames, facts), lambda: timing.times(seen, facts)]
+    needs.append(lambda: timing.repetitions(seen, np.zeros(len(frames.temperature)), facts))
+    if _is_unplaced(frames, facts):
+        needs.insert(1, lambda: mapped(facts, frames.shape))
+    for need in needs:
+        try:
+            need()
+        except BadInput as fault:
+            lines += fault.lines
+    if lines:
+        raise BadInput(*lines)
+
+
+def _view(frames: Frames, facts: Facts) -> str:
+    view = facts.view or frames.view
+    if view is None:
+        raise BadInput("view: missing; give --view sidewall, wake or profile")
+    return view
+
+
+def _is_unplaced(frames: Frames, facts: Facts) -> bool:
+    return frames.u is None or facts.pixel is not None or facts.point is not None
+
+
+def _sane(facts: Facts) -> None:
+    for name in ("every", "repetition"):
+        if (value := getattr(facts, name)) is not None and value < 1:
+            raise BadInput(f"{name}: {value}; give a whole number from 1")
+    for name in ("mm_per_pixel", "band"):
+        if (value := getattr(facts, name)) is not None and not 0 < value < float("inf"):
+            raise BadInput(f"{name}: {value:g}; give a number greater than zero")
+    for key in facts.was or {}:
+        if key not in NAMES:
+            raise BadInput(f"was.{key}: unknown{nearest(key, NAMES)}")
+
+
+def _given(facts: Facts) -> dict[str, float]:
+    """Object parameters that a person gave."""
+    return {n: v for n in NAMES if (v := getattr(facts, n)) is not None}
+
+
+def _read(path: Path, facts: Facts) -> Frames:
+    same = {k: getattr(facts, k) for k in ("scale", "offset", "unit", "variable", "decimal", "below")}
+    planck = None if facts.planck is None else Planck(*facts.planck)
+    return files.read(path, **same, parameters=_given(facts), planck=planck)
+
+
+def _light(frames: Frames) -> Frames:
+    """Frames whose images are a stand-in of the right number: memory stays small over many files."""
+    kept = {f.name: getattr(frames, f.name) for f in fields(frames)}
+    stand_in = np.broadcast_to(np.float32(0), frames.temperature.shape)
+    return Frames(**(kept | {"temperature": stand_in, "counts": None}))
+
+
+def _alike(first: tuple[Path, Frames], other: tuple[Path, Frames]) -> None:
+    """BadInput where a file is of another kind or size than the first."""
+    a, b = first[1], other[1]
+    if a.format != b.format:
+        raise BadInput(f"{other[0]}: {b.format}, but {first[0].name} is {a.format}; give files of one kind at once")
+    if a.shape != b.shape:
+        raise BadInput(
+            f"{other[0]}: {b.shape[1]} x {b.shape[0]} pixels, but {first[0].name} has {a.shape[1]} x {a.shape[0]};"
+            " give files of one size at once"
+        )
+
+
+def corrected(frames: Frames, facts: Facts) -> tuple[np.ndarray, list[str]]:
+    """Temperatures, degC, with the object parameters that a person gave, and notes on what changed."""
+    if frames.difference:
+        raise BadInput("holds differences (a lock-in result), not temperatures; export the temperature images instead")
+    given = _given(facts)
+    if frames.counts is not None:
+        changed = [f"{k} {frames.said[k]:g} -> {v:g}" for k, v in given.items() if frames.said[k] != v]
+        notes = [str(frames.parameters)] + ([f"changed: {', '.join(changed)}"] if changed else [])
+        return frames.temperature, notes
+    if facts.planck is not None:
+        raise BadInput("planck: the file holds no counts; leave --planck out, or give the camera's radiometric file")
+    old = {**frames.said, **(facts.was or {})}
+    if not given:
+        return frames.temperature, [f"computed with {k} {v:g}" for k, v in old.items()]
+    ask = [k for k in given if k not in old]
+    if "emissivity" in given and given["emissivity"] != old.get("emissivity") and "reflected" not in {*old, *ask}:
+        ask.append("reflected")
+    if ask:
+        raise BadInput(
+            f"{option(ask[0])}: the file holds temperatures and does not say which {ask[0]} they were computed with;"
+            f" give {' and '.join(f'--was.{k}' for k in ask)} as well"
+        )
+    before = ObjectParameters(**old)
+    band = LONG_WAVE if facts.band is None else Planck(1.0, 1.0, facts.band)
+    changed = [f"{k} {old[k]:g} -> {v:g}" for k, v in given.items() if old[k] != v]
+    T = reapply(frames.temperature, before, before.changed(given), band)
+    return T, [f"changed: {', '.join(changed)}, in a band of B = {band.B:g} K"] if changed else []
+
+
+class Place:
+    """Puts the images of every file where those of the first belong: mask, orientation, scale, crop."""
+
+    def __init__(self, frames: Frames, facts: Facts, T: np.ndarray):
+        self.band = frames.planck or (LONG_WAVE if facts.band is None else Planck(1.0, 1.0, facts.band))
+        self.view = _view(frames, facts)
+        self.crop = None if facts.crop is None else MM * np.asarray(facts.crop)
+        self.pitch = None if facts.mm_per_pixel is None else (MM * facts.mm_per_pixel,) * 2
+        self.mask, self.notes = masked(frames, facts, T)
+        self.known = (frames.u, frames.v)
+        self.M = None
+        if _is_unplaced(frames, facts):
+            self.M, note = mapped(facts, frames.shape)
+            self.notes += [note] if note else []
+
+    def __call__(self, T: np.ndarray) -> geometry.Placed:
+        if self.mask.any():
+            T = np.where(self.mask, np.nan, T)
+        if self.M is None:
+            placed = geometry.Placed(T, *self.known)
+            placed = placed if self.crop is None else geometry.cut(placed, self.crop)
+        else:
+            placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
+        if self.view != "profile" or len(placed.v) == 1:
+            return placed
+        return geometry.Placed(_line(placed.temperature, self.band), placed.u, np.zeros(1), placed.note)
+
+
+def _line(T: np.ndarray, band: Planck) -> np.ndarray:
+    """The rows of images averaged as radiance, for a profile: (frames, 1, nu)."""
+    light = band.counts(T)
+    known = np.isfinite(light)
+    total = np.where(known, light, 0.0).sum(axis=1, keepdims=True)
+    count = known.sum(axis=1, keepdims=True)
+    return band.temperature(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
+    """The map from pixels to m out of points or out of direction, origin and scale; asks for what is missing."""
+    if facts.point is not None:
+        return geometry.from_points(facts.point)
+    missing = [n for n in ("downstream", "pixel") if getattr(facts, n) is None]
+    if facts.mm_per_pixel is None and facts.second is None:
+        missing.append("mm_per_pixel")
+    if missing:
+        helps = {
+            "downstream": "--downstream right, left, up or down",
+            "pixel": "--pixel COLUMN ROW of the leading edge at the interface",
+            "mm_per_pixel": "--mm-per-pixel (or a --second point)",
+        }
+        raise BadInput(
+            f"{missing[0]}: missing; where the pixels lie is not in the file: give"
+            f" {', '.join(helps[m] for m in missing)}, or four times --point COLUMN ROW U_MM V_MM"
+        )
+    turn, at = geometry.axes(facts.downstream, facts.up), facts.at or (0.0, 0.0)
+    if facts.second is not None:
+        return geometry.from_two(turn, facts.pixel, at, facts.second, shape)
+    return geometry.from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""
+
+
+def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Dead and foreign pixels (rows, columns): rectangles, a file, and those that the median test finds."""
+    mask, notes = geometry.boxes(frames.shape, facts.mask_box or ()), []
+    if facts.mask is not None:
+        mask |= _mask_file(facts.mask, frames.shape)
+    if mask.any():
+        notes.append(f"{mask.sum()} pixels masked")
+    if facts.dead_pixels != "keep" and frames.u is None and min(frames.shape) > 2:
+        dead = geometry.dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
+        if dead.any():
+            notes.append(f"{dead.sum()} dead pixels found and masked (--dead-pixels keep leaves them)")
+        mask |= dead
+    return mask, notes
+
+
+def _mask_file(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    try:
+        values = files.read(path, unit="degC", scale=1.0, offset=0.0).temperature[0]
+    except BadInput as fault:
+        raise BadInput(*(f"mask: {t}" for t in fault.lines)) from fault
+    if values.shape != shape:
+        raise BadInput(f"mask: {path}: shape {values.shape}, images have {shape}; give one number for every pixel")
+    return np.nan_to_num(values, nan=1.0) != 0
+
+
+def _known(frames: Frames, facts: Facts) -> dict[str, float | None]:
+    """What is known of camera and object, as attributes of the recording."""
+    given = {to: getattr(facts, name) for name, to in CAMERA.items()}
+    said = {**frames.said, **(facts.was or {}), **_given(facts)}
+    fps = facts.fps or frames.fps
+    every = facts.every or 1
+    return given | {
+        "emissivity": said.get("emissivity"),
+        "reflected_degC": said.get("reflected"),
+        "fps": fps / every if fps and facts.fps else fps,
+    }
+
+
+def _block(facts: Facts) -> tuple[float, float] | None:
+    """Length and height of the block, m, from the option or the case."""
+    if facts.block is not None:
+        if min(facts.block) <= 0:
+            raise BadInput(f"block: {facts.block}; give length and height in mm, greater than zero")
+        return MM * facts.block[0], MM * facts.block[1]
+    if facts.case is None:
+        return None
+    from flashtemp.case import load
+
+    case = load(facts.case)
+    return case["block.length"], case["block.height"]

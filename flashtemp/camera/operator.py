@@ -1,0 +1,199 @@
+"""What a camera would have seen of a run: pixels, optics and radiance, for the side wall, the wake or a profile.
+
+Temperatures become radiance first; pixel and point spread average radiance, never kelvin; the camera
+turns the mean back with the emissivity and the reflected temperature it was told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.special import erfc
+
+from flashtemp.camera.recording import Recording
+from flashtemp.laws import Laws
+from flashtemp.scene import KELVIN, Acting, Scene
+
+BAND = 1428.0  # K: a long-wave microbolometer, S(T) = 1/(exp(BAND/T) - 1)
+TYPICAL = 0.95  # emissivity where a recording does not say
+RIM = 1.5  # px around the edge of a body that no comparison uses
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road."""
+
+    temperature: np.ndarray
+    inside: np.ndarray
+
+
+# --- radiance ---------------------------------------------------------------------------------------
+def radiance(T):
+    """Band radiance (1) of a temperature in K."""
+    return 1.0 / np.expm1(BAND / T)
+
+
+def temperature(S):
+    """Temperature in K of a band radiance."""
+    return BAND / np.log1p(1.0 / S)
+
+
+# --- pixels -----------------------------------------------------------------------------------------
+def _ramp(x, s):
+    """Integral of the normal distribution function of width s, and its integral."""
+    if s == 0:
+        up = np.where(np.real(x) > 0, x, 0.0)
+        return up, 0.5 * up * up
+    half = 0.5 * erfc(-x / (np.sqrt(2.0) * s))
+    bell = s / np.sqrt(2 * np.pi) * np.exp(-0.5 * (x / s) ** 2)
+    return x * half + bell, 0.5 * ((x * x + s * s) * half + x * bell)
+
+
+def pixel_weights(centres, pitch: float, sigma, nodes) -> np.ndarray:
+    """Weights (pixels, nodes) of a field that is linear between nodes (m) and zero outside them.
+
+    A pixel is a box of `pitch` (m) convolved with a Gaussian of `sigma` (m); exact integrals.
+    """
+    x = np.asarray(centres)[:, None] - np.asarray(nodes)[None]
+    ahead, behind = _ramp(x + 0.5 * pitch, sigma), _ramp(x - 0.5 * pitch, sigma)
+    once, twice = ((a - b) / pitch for a, b in zip(ahead, behind, strict=True))
+    step = np.diff(nodes)
+    area = once[:, :-1] - once[:, 1:]
+    later = (-step * once[:, 1:] + twice[:, :-1] - twice[:, 1:]) / step
+    weights = np.zeros(x.shape, dtype=later.dtype)
+    weights[:, :-1] += area - later
+    weights[:, 1:] += later
+    return weights
+
+
+def _ends(values, axis: int):
+    """A field with its outermost values repeated at the ends of an axis."""
+    return np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
+
+
+# --- the wall ---------------------------------------------------------------------------------------
+def wall_cooling(scene: Scene, films: np.ndarray, z: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Rise of the wall over that of the section behind it (frames, z): 1/(1 + h l/k), a fin correction.
+
+    In 2D the section is the mean across the width W; the wall is cooler by what its film h (frames,) W/m2K
+    takes out over l = (2 z/pi) ln(1 + pi l_t/(2 z)), l_t = 2 sqrt(D t/pi) until W/6 limits it; `since` (frames,)
+    s warm, z (z,) in m above a face that the contact holds.  Good to 12 % of the difference (docs/camera.md).
+    """
+    k, D = scene.block.conductivity, scene.block.diffusivity
+    reach = 2.0 * np.sqrt(D * np.maximum(since, 1e-9) / np.pi)
+    reach = (reach**-4.0 + (scene.width / 6.0) ** -4.0) ** -0.25
+    above = np.maximum(z, 1e-9)
+    length = 2.0 * above / np.pi * np.log1p(0.5 * np.pi * reach[:, None] / above)
+    return 1.0 / (1.0 + films[:, None] * length / k)
+
+
+def _films(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Heat-transfer coefficient (frames,) W/m2K of the block's walls."""
+    films = Laws(scene).films.get("block.leading", [])
+    out = np.zeros(len(times))
+    phases = scene.schedule.phases
+    for i, t in enumerate(times):
+        phase = next((p for p in phases if p.begin <= t <= p.end), phases[-1])
+        now = scene.moment(phase, min(max(t, phase.begin), phase.end))
+        out[i] = sum(part.law(now, p) for part, p, _ in films)
+    return out
+
+
+# --- the operator -----------------------------------------------------------------------------------
+class Instrument:
+    """The camera with what acts on it: values of its quantities for a recording."""
+
+    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = ()):
+        self.recording, self.laws = recording, [(part, a.p) for a in acting for part in a.effect.see(a.p)]
+
+    def __call__(self, quantity: str, base):
+        """A quantity of the camera: `base` plus all that acts on it."""
+        now = SimpleNamespace(recording=self.recording)
+        return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
+
+    def times(self) -> np.ndarray:
+        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
+        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", 0.0)
+
+
+def observe(
+    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0
+) -> Seen:
+    """What the camera of a recording would have reported of a run, with instrument effects `acting`.
+
+    `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
+    may be complex for their derivatives.  Fields of the run are
+    interpolated in time; a run that kept them at `Instrument.times` loses nothing.
+    """
+    camera = Instrument(recording, acting)
+    times = np.clip(camera.times(), 0.0, run.time[-1])
+    body, along, up = _body(run, scene, recording, times)
+    background = scene.ambient - KELVIN
+    if recording.view == "profile":
+        weights = _weights(camera, 0, along, shift)
+        return Seen(body @ weights.T + background * (1.0 - weights.sum(axis=1)), _inside(recording, along, up))
+    given = recording.emissivity or TYPICAL
+    reflected = background if recording.reflected_degC is None else recording.reflected_degC
+    emissivity = camera("emissivity", given + change)
+    mirrored = (1.0 - emissivity) * radiance(camera("reflected", reflected) + KELVIN)
+    x, z = (_weights(camera, axis, nodes, shift) for axis, nodes in enumerate((along, up)))
+    outside = radiance(background + KELVIN)
+    S = outside + z @ (radiance(body + KELVIN) - outside) @ x.T
+    told = (emissivity * S + mirrored - (1.0 - given) * radiance(reflected + KELVIN)) / given
+    return Seen(temperature(told) - KELVIN, _inside(recording, along, up))
+
+
+def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:
+    """Pixel weights along u (0) or v (1) with the camera's shift and point spread."""
+    recording, name = camera.recording, "uv"[axis]
+    pitch = recording.pitch[axis]
+    if not np.isfinite(pitch):
+        pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
+    centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
+    sigma = 0.0 if recording.view == "profile" else camera("blur", recording.psf_sigma_px or 0.0)
+    return pixel_weights(centres, pitch, sigma * pitch, nodes)
+
+
+def _body(run, scene, recording, times):
+    """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
+    mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
+    x = np.concatenate([edges[:1], run.x, edges[1:]])
+    if recording.view == "profile":
+        return _ends(_between(run.time, run.T_block, times)[:, None], 2), x, np.zeros(1)
+    if recording.view == "wake":
+        behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
+        half = 0.5 * scene.width
+        T = _ends(_between(run.time, run.T_wake, times), 1)[:, None]
+        return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
+    height = mesh.height
+    z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
+    cells = _between(run.time[run.frames], run.field[:, mesh.block].astype(float), times)
+    face = _between(run.time[run.frames], run.T_block[run.frames], times)
+    section = np.concatenate([face[..., None], cells, cells[..., -1:]], axis=2)
+    air = scene.ambient - KELVIN
+    factor = wall_cooling(scene, _films(scene, times), z, times)
+    return np.swapaxes(air + (_ends(section, 1) - air) * factor[:, None], 1, 2), x, z
+
+
+def _between(at: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Values (n, ...) kept at times `at` (s), linear between them."""
+    k = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(len(at) - 2, 0))
+    after = np.minimum(k + 1, len(at) - 1)
+    step = at[after] - at[k]
+    weight = np.clip((times - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
+    weight = weight.reshape(-1, *[1] * (values.ndim - 1))
+    return (1.0 - weight) * values[k] + weight * values[after]
+
+
+def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Pixels (nv, nu) at least RIM pixels away from the edges of the body."""
+    masks = []
+    for centres, pitch, nodes in zip((recording.u, recording.v), recording.pitch, (along, up), strict=True):
+        rim = 0.5 * pitch if recording.view == "profile" else RIM * pitch
+        free = len(nodes) == 1 or not np.isfinite(pitch)
+        masks.append(
+            np.full(len(centres), True) if free else (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim)
+        )
+    return masks[1][:, None] & masks[0][None]

@@ -1,0 +1,151 @@
+"""What an infrared camera counts of an object, the air and a window before it, and the way back to degC."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+
+KELVIN = 273.15  # 0 degC in K
+RANGES = {  # attribute: lowest, highest value, unit
+    "emissivity": (0.01, 1.0, ""),
+    "reflected": (-273.0, 3000.0, "degC"),
+    "air": (-100.0, 500.0, "degC"),
+    "humidity": (0.0, 1.0, "(50 % = 0.5)"),
+    "distance": (0.0, 10000.0, "m"),
+    "window": (0.01, 1.0, ""),
+    "window_temperature": (-273.0, 3000.0, "degC"),
+}
+
+
+@dataclass(frozen=True)
+class Planck:
+    """A camera's calibration: counts S(T) = R1/(R2 (exp(B/T) - F)) - O, T in K; O with the sign FLIR stores.
+
+    Works on numbers and arrays of any shape, real or complex (complex steps pass through).
+
+    >>> camera = Planck(14906.2, 0.0108, 1396.6, 1.0, -7261.0)
+    >>> round(float(camera.temperature(camera.counts(80.0))), 9)
+    80.0
+    """
+
+    R1: float
+    R2: float
+    B: float
+    F: float = 1.0
+    O: float = 0.0  # noqa: E741 (the maker's letter)
+
+    def __post_init__(self):
+        values = np.array([self.R1, self.R2, self.B, self.F, self.O])
+        if not (np.all(np.isfinite(values)) and np.all(values[:4] > 0)):
+            raise BadInput(
+                f"planck: {values.tolist()} are no calibration; give R1, R2, B and F greater than zero, and O"
+            )
+
+    def counts(self, T):
+        """Counts of a black body at T degC."""
+        return self.R1 / (self.R2 * (np.exp(self.B / (T + KELVIN)) - self.F)) - self.O
+
+    def temperature(self, counts):
+        """Temperature, degC, of a black body that gives these counts; NaN where no temperature gives so few."""
+        light = counts + self.O
+        real = np.real(light) > 0
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            T = self.B / np.log(self.R1 / (self.R2 * np.where(real, light, 1.0)) + self.F) - KELVIN
+        return np.where(real, T, np.nan)
+
+
+LONG_WAVE = Planck(1.0, 1.0, 1428.0)  # a generic 8-14 um band, for files that hold temperatures only
+
+
+@dataclass(frozen=True)
+class ObjectParameters:
+    """What stands between object and camera: `emissivity`, what it reflects, the air, a window at the camera.
+
+    Temperatures in degC, `humidity` relative, 0 to 1, `distance` m, `window` transmission; at distance 0 the air
+    does nothing.  alpha, beta and X are the maker's constants of the air's transmission.  BadInput names a value
+    that cannot be.
+    """
+
+    emissivity: float = 1.0
+    reflected: float = 20.0
+    air: float = 20.0
+    humidity: float = 0.5
+    distance: float = 0.0
+    window: float = 1.0
+    window_temperature: float = 20.0
+    alpha1: float = 0.006569
+    alpha2: float = 0.01262
+    beta1: float = -0.002276
+    beta2: float = -0.00667
+    X: float = 1.9
+
+    def __post_init__(self):
+        for name, (low, high, unit) in RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise BadInput(f"{name}: {getattr(self, name):g}; give {low:g} to {high:g} {unit}".rstrip())
+        if not 0 < self.transmission <= 1.5:
+            raise BadInput(
+                f"air: its constants let {self.transmission:g} of the radiation through over {self.distance:g} m;"
+                " give another distance (--distance)"
+            )
+
+    @property
+    def transmission(self) -> float:
+        """Share of radiation that the air lets through, one path of length `distance` (not two halves of it).
+
+        With t the air's degC, water h = humidity exp(1.5587 + 0.06939 t - 2.7816e-4 t2 + 6.8455e-7 t3):
+        tau = X exp(-sqrt(d) (a1 + b1 sqrt(h))) + (1 - X) exp(-sqrt(d) (a2 + b2 sqrt(h))), as FLIR's manuals say.
+        """
+        t, path = self.air, np.sqrt(self.distance)
+        water = np.sqrt(self.humidity * np.exp(1.5587 + t * (6.939e-2 + t * (-2.7816e-4 + t * 6.8455e-7))))
+        with np.errstate(over="ignore", invalid="ignore"):
+            first = np.exp(-path * (self.alpha1 + self.beta1 * water))
+            second = np.exp(-path * (self.alpha2 + self.beta2 * water))
+            return float(self.X * first + (1 - self.X) * second)
+
+    def changed(self, given: dict[str, float]) -> ObjectParameters:
+        """The same with some values replaced."""
+        return replace(self, **given)
+
+    def __str__(self) -> str:
+        text = (
+            f"emissivity {self.emissivity:g}, reflected {self.reflected:g} degC, air {self.air:g} degC,"
+            f" humidity {100 * self.humidity:g} %, distance {self.distance:g} m"
+        )
+        if self.window < 1:
+            text += f", window {self.window:g} at {self.window_temperature:g} degC"
+        return text
+
+
+NAMES = tuple(RANGES)  # what a person may change
+CONSTANTS = tuple(f.name for f in fields(ObjectParameters) if f.name not in RANGES)
+
+
+def _surroundings(planck: Planck, p: ObjectParameters) -> tuple[float, float]:
+    """Gain on the object's counts and counts that come from elsewhere: S = gain S(T) + added."""
+    tau = p.transmission
+    before = (1 - p.emissivity) * tau * planck.counts(p.reflected) + (1 - tau) * planck.counts(p.air)
+    return p.window * p.emissivity * tau, p.window * before + (1 - p.window) * planck.counts(p.window_temperature)
+
+
+def apparent_counts(T, planck: Planck, p: ObjectParameters):
+    """Counts that the camera sees of an object at T degC (any shape, real or complex).
+
+    S = w (eps tau S(T) + (1 - eps) tau S(reflected) + (1 - tau) S(air)) + (1 - w) S(window).
+    """
+    gain, added = _surroundings(planck, p)
+    return gain * planck.counts(T) + added
+
+
+def object_temperature(counts, planck: Planck, p: ObjectParameters):
+    """Temperature of the object, degC, from the counts that the camera saw; NaN where they are too few."""
+    gain, added = _surroundings(planck, p)
+    return planck.temperature((counts - added) / gain)
+
+
+def reapply(T, old: ObjectParameters, new: ObjectParameters, band: Planck = LONG_WAVE):
+    """Temperatures (degC) that were computed with `old` parameters, as they are with `new` ones."""
+    return T if old == new else object_temperature(apparent_counts(T, band, old), band, new)

@@ -1,0 +1,96 @@
+"""Images as a laboratory would hand them over: pixels, noise, fixed pattern, dead pixels, an origin a little off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.camera.operator import Instrument, observe
+from flashtemp.camera.recording import Recording
+
+ALIKE = 0.95, 0.01  # emissivity told to the camera, and how well it is known
+FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behind the block, m
+    "sidewall": (2.5e-4, 1e-3, None),
+    "wake": (5e-4, 5e-3, 0.04),
+    "profile": (2.5e-4, 0.0, None),
+}
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity."""
+
+    shift: tuple[float, float]
+    pattern_K: float
+    emissivity: float
+    psf_sigma_px: float
+
+
+def blank(view: str, scene, times, repetition, netd: float) -> Recording:
+    """An empty recording of a view: pixels over what is to be seen, and what its file tells of the camera."""
+    pitch, margin, behind = FACES[view]
+    length = scene.length
+
+    def pixels(low, high):
+        return np.arange(low + 0.5 * pitch, high, pitch)
+
+    if view == "wake":
+        u, v = pixels(length, length + behind), pixels(-0.5 * scene.width - margin, 0.5 * scene.width + margin)
+    else:
+        u = pixels(-margin, length + margin)
+        v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
+    frames = np.full((len(times), len(v), len(u)), scene.ambient - 273.15)
+    told = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
+    return Recording(
+        view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
+        reflected_degC=None if view == "profile" else scene.ambient - 273.15,
+        registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
+    )  # fmt: skip
+
+
+def draw(recording: Recording, rng, nuisance: float) -> Faults:
+    """Faults of a recording; `nuisance` scales all but the fixed pattern."""
+    known = recording.registration_sigma_px or 0.0
+    shift = tuple(float(s) for s in nuisance * known * rng.normal(size=2))
+    pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
+    given = recording.emissivity or 1.0
+    truth = min(given + nuisance * ALIKE[1] * float(rng.normal()), 1.0)
+    spread = (recording.psf_sigma_px or 0.0) * (1.0 + 0.05 * nuisance * float(rng.normal()))
+    return Faults(shift, pattern, truth if recording.emissivity else 1.0, spread)
+
+
+def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 1e-3) -> Recording:
+    """The recording with its images: what the camera sees of a run, and its noise.
+
+    The camera turns radiance back with the emissivity it was told, whatever the true one.
+    """
+    change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
+    told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)
+    seen = observe(run, scene, told, scene.acting, faults.shift, change)
+    shape = recording.temperature.shape
+    T = seen.temperature + faults.pattern_K * rng.normal(size=shape[1:])
+    T = T + (recording.netd_K or 0.0) * rng.normal(size=shape)
+    if recording.view != "profile":
+        T[:, rng.random(shape[1:]) < dead] = np.nan
+    return replace(recording, temperature=T)
+
+
+def moments(schedule, sliding: int, waiting: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and repetitions of the frames: dense after each start, the last at the end; then during the wait."""
+    times, repetition = [], []
+    for r in range(1, schedule.repetitions + 1):
+        own = [p for p in schedule.phases if p.repetition == r]
+        for on, count in ((True, sliding), (False, waiting)):
+            part = [p for p in own if p.sliding == on]
+            if not part or not count:
+                continue
+            begin, end = part[0].begin, part[-1].end
+            times += list(begin + (end - begin) * (np.arange(1, count + 1) / count) ** 1.5)
+            repetition += [r] * count
+    return np.array(times), np.array(repetition)
+
+
+def shown(recording: Recording, acting) -> np.ndarray:
+    """Times (frames,) in s that the frames show."""
+    return Instrument(recording, acting).times()

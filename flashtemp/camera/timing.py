@@ -1,0 +1,133 @@
+"""When each frame was seen: seconds from the first start of sliding, and the number of its repetition."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.camera.frames import Frames
+from flashtemp.camera.matrices import decoded, moment
+from flashtemp.camera.template import Facts
+from flashtemp.errors import BadInput
+
+Seen = list[tuple[Path, Frames]]
+
+
+def times(seen: Seen, facts: Facts) -> np.ndarray:
+    """Seconds from the first start of sliding of every frame of every file, in the order of the files."""
+    if facts.times is not None:
+        return np.concatenate([_from_rows(p, f, facts) for p, f in seen])
+    counts = [len(f.temperature) for _, f in seen]
+    if facts.fps is not None:
+        if facts.fps <= 0:
+            raise BadInput(f"fps: {facts.fps:g}; give frames per second, more than 0")
+        return _from(facts, np.arange(sum(counts)) * (facts.every or 1) / facts.fps, clock=False)
+    if all(f.time is not None for _, f in seen):
+        own = np.concatenate([f.time for _, f in seen])
+        return own if facts.start is None else own - own.min() + facts.start
+    clocks = [f.clock for _, f in seen]
+    if all(c is not None for c in clocks):
+        clock = np.concatenate(clocks)
+        if len(clock) == 1 or len(np.unique(clock)) == len(clock):
+            return _from(facts, clock, clock=True)
+        if len(seen) == 1 and seen[0][1].fps:
+            return _from(facts, np.arange(counts[0]) / seen[0][1].fps, clock=False)
+        raise BadInput(f"{seen[0][0]}: frames share a time stamp; give --fps, or --times with the time of every file")
+    if sum(counts) == 1:
+        return _from(facts, np.zeros(1), clock=False)
+    bare = next(p for p, f in seen if f.clock is None)
+    if len(seen) == 1 and seen[0][1].fps:
+        return _from(facts, np.arange(counts[0]) / seen[0][1].fps, clock=False)
+    raise BadInput(f"{bare}: does not say when its frames were seen; give --fps and --start, or --times FILE.csv")
+
+
+def _from(facts: Facts, relative: np.ndarray, clock: bool) -> np.ndarray:
+    """Times shifted so that the first start of sliding is 0, as the facts say."""
+    if facts.start is not None:
+        return relative - relative.min() + facts.start
+    if facts.zero is not None and clock:
+        begin = moment(facts.zero)
+        if begin is None:
+            raise BadInput(f"zero: {facts.zero!r}; give date and time of the camera's clock, as 2024-05-31T12:00:03.25")
+        return relative - begin
+    if facts.zero is not None:
+        raise BadInput("zero: the files have no usable time stamps; give --start, s from the first start of sliding")
+    also = ", or --zero with the camera's clock at the first start of sliding" if clock else ""
+    raise BadInput(f"start: missing; give --start, s of the first frame after the first start of sliding{also}")
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file with columns file, time and perhaps repetition; BadInput names line and remedy."""
+    try:
+        text = decoded(path.read_bytes())
+    except OSError as fault:
+        raise BadInput(f"times: {path}: no such file; give a CSV file with columns file,time") from fault
+    except BadInput as fault:
+        raise BadInput(f"times: {path}: no text; give a CSV file with columns file,time") from fault
+    rows = list(csv.DictReader(text.splitlines(), delimiter=";" if ";" in text.splitlines()[0] else ",", restval=""))
+    if not rows or not {"file", "time"} <= {str(k).strip() for k in rows[0]}:
+        raise BadInput(f"times: {path}: columns file and time are missing; give a header file,time[,repetition]")
+    clean = [{str(k).strip(): str(v).strip() for k, v in row.items()} for row in rows]
+    for line, row in enumerate(clean, 2):
+        for name in {"time", "repetition"} & set(row):
+            try:
+                good = math.isfinite(float(row[name]))
+            except ValueError:
+                good = False
+            if not good:
+                raise BadInput(f"times: {path}:{line}: {name} {row[name]!r}; give a number")
+    return clean
+
+
+def _rows_of(path: Path, frames: Frames, facts: Facts) -> list[dict[str, str]]:
+    rows = [r for r in _rows(facts.times) if Path(r["file"]).name == path.name]
+    count = len(frames.temperature)
+    if len(rows) not in (1, count):
+        raise BadInput(
+            f"times: {facts.times}: {len(rows)} rows for {path.name} with {count} frames; give one for each frame,"
+            " or one for the first"
+        )
+    return rows
+
+
+def _from_rows(path: Path, frames: Frames, facts: Facts) -> np.ndarray:
+    rows, count = _rows_of(path, frames, facts), len(frames.temperature)
+    given = np.array([float(r["time"]) for r in rows])
+    if len(rows) == count:
+        return given
+    if facts.fps or frames.clock is None:
+        rate = (facts.fps / (facts.every or 1)) if facts.fps else frames.fps
+        if not rate or rate <= 0:
+            raise BadInput(f"{path}: {count} frames and no time stamps; give --fps")
+        return given[0] + np.arange(count) / rate
+    return given[0] + frames.clock - frames.clock[0]
+
+
+def repetitions(seen: Seen, time: np.ndarray, facts: Facts) -> np.ndarray:
+    """Number of the repetition of every frame, from 1; during a wait the one before."""
+    if facts.times is not None:
+        rows = [(_rows_of(p, f, facts), len(f.temperature)) for p, f in seen]
+        if all("repetition" in r[0] for r, _ in rows):
+            found = [[int(float(r["repetition"])) for r in rs] * (n if len(rs) == 1 else 1) for rs, n in rows]
+            return np.concatenate(found).astype(int)
+    if facts.repetition is not None:
+        return np.full(len(time), facts.repetition)
+    if facts.starts is not None:
+        starts = np.asarray(facts.starts)
+        if np.any(np.diff(starts) <= 0):
+            raise BadInput(f"starts: {list(facts.starts)}; they must increase, s from the first start of sliding")
+        return np.maximum(np.searchsorted(starts, time + 1e-9, side="right"), 1)
+    if facts.case is not None:
+        from flashtemp.case import build, load
+
+        begins = sorted({p.start for p in build(load(facts.case)).schedule.phases})
+        return np.maximum(np.searchsorted(begins, time + 1e-9, side="right"), 1)
+    if all(f.repetition is not None for _, f in seen):
+        return np.concatenate([f.repetition for _, f in seen])
+    raise BadInput(
+        "repetition: missing; give --repetition N, --starts with the time of each start of sliding, --case, or a"
+        " column repetition in --times"
+    )

@@ -1,0 +1,175 @@
+"""A campaign: the case that is believed, and the recordings and load-cell traces that it is held to (contract 5.4)."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flashtemp import case as cases
+from flashtemp.camera import recording
+from flashtemp.camera.recording import Recording
+from flashtemp.errors import BadInput, nearest
+from flashtemp.keys import Places
+from flashtemp.tables import pairs
+
+TOP = {"title", "case", "free", "candidates", "recording", "force"}
+ENTRY = {"recording": {"file", "with", "sigma_K", "held_out"}, "force": {"file", "with", "sigma", "held_out"}}
+
+
+@dataclass(frozen=True)
+class View:
+    """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame."""
+
+    file: str
+    recording: Recording
+    given: dict[str, Any] = field(default_factory=dict)
+    sigma_K: float | None = None
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class Force:
+    """A load-cell trace: `time` (n,) s, `mu` (n,), `sigma` of one reading."""
+
+    file: str
+    time: tuple[float, ...]
+    mu: tuple[float, ...]
+    given: dict[str, Any] = field(default_factory=dict)
+    sigma: float | None = None
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up."""
+
+    title: str
+    case: Path
+    free: tuple[str, ...]
+    views: tuple[View, ...]
+    forces: tuple[Force, ...]
+    folder: Path
+    candidates: tuple[str, ...] | None = None
+
+    def load(self, given: dict[str, Any]) -> cases.Case:
+        """The case under the conditions of one entry."""
+        return cases.load(self.case, given)
+
+    def __str__(self) -> str:
+        lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
+        for entry in (*self.views, *self.forces):
+            with_ = ", ".join(f"{k} = {v}" for k, v in entry.given.items()) or "as in the case"
+            lines.append(f"  {entry.file}: {with_}{' (held out)' if entry.held_out else ''}")
+        return "\n".join(lines)
+
+
+def load(path) -> Campaign:
+    """Read campaign.toml (or a folder that holds it) and everything it names.
+
+    Raises BadInput with all faults at once, one line each.
+    """
+    path = Path(path)
+    file = path / "campaign.toml" if path.is_dir() else path
+    if not file.is_file():
+        raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
+    try:
+        text = file.read_text(encoding="utf-8")
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
+    where, faults, folder = Places(str(file), text), [], file.parent
+    for key in raw.keys() - TOP:
+        faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
+    case = _case(raw, where, folder, faults)
+    entries = {kind: _entries(raw, kind, where, faults) for kind in ENTRY}
+    views = [v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, case, folder, faults))]
+    forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, case, folder, faults))]
+    if not faults and not views and not forces:
+        faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
+    if not isinstance(raw.get("title", ""), str):
+        faults.append(f"{where('title')}: {raw['title']!r}; give text in quotes")
+    if faults:
+        raise BadInput(*faults)
+    believed = cases.load(case)
+    free = raw.get("free", list(believed.free))
+    known = [f"{t}.{k}" for t, d in believed.values.items() for k, v in d.items() if isinstance(v, (int, float))]
+    for key in free if isinstance(free, list) else [free]:
+        if key not in known:
+            raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")
+    candidates = raw.get("candidates")
+    return Campaign(
+        raw.get("title", file.parent.name), case, tuple(free), tuple(views), tuple(forces), folder,
+        None if candidates is None else tuple(candidates),
+    )  # fmt: skip
+
+
+def _case(raw, where, folder: Path, faults: list[str]) -> Path | None:
+    name = raw.get("case", "case.toml")
+    if not isinstance(name, str):
+        faults.append(f"{where('case')}: {name!r}; give the name of a case file in quotes")
+        return None
+    path = folder / name
+    if not path.exists():
+        faults.append(f"{where('case')}: no file '{name}' in {folder}; give the case that is believed")
+        return None
+    return path
+
+
+def _entries(raw, kind: str, where, faults: list[str]) -> list[dict]:
+    entries = raw.get(kind, [])
+    if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+        faults.append(f"{where(kind)}: write [[{kind}]] and its keys below it")
+        return []
+    for number, entry in enumerate(entries, 1):
+        for key in entry.keys() - ENTRY[kind]:
+            faults.append(f"{where(kind)}: {kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}")
+    return entries
+
+
+def _common(entry, kind: str, number: int, where, case, folder, faults) -> dict | None:
+    """Keys that recordings and forces share, checked; None when the entry cannot be used."""
+    place, good = f"{where(kind)}: {kind} {number}", len(faults)
+    file, given, held = entry.get("file"), entry.get("with", {}), entry.get("held_out", False)
+    if not isinstance(file, str):
+        faults.append(f"{place}: file: {file!r}; give the name of a file in quotes")
+    elif not (folder / file).is_file():
+        faults.append(f"{place}: file: no file '{file}' in {folder}")
+    if not isinstance(held, bool):
+        faults.append(f"{place}: held_out: {held!r}; give true or false")
+    if not isinstance(given, dict):
+        faults.append(f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
+    elif case is not None:
+        try:
+            cases.load(case, given)
+        except BadInput as fault:
+            faults.extend(f"{place}: {line}" for line in fault.lines)
+    name = "sigma_K" if kind == "recording" else "sigma"
+    sigma = entry.get(name)
+    if sigma is not None and (isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not sigma > 0):
+        faults.append(f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated")
+    return None if len(faults) > good else {"file": file, "given": given, "held_out": held}
+
+
+def _view(entry, number, where, case, folder, faults) -> View | None:
+    common = _common(entry, "recording", number, where, case, folder, faults)
+    if common is None:
+        return None
+    try:
+        return View(recording=recording.load(folder / common["file"]), sigma_K=entry.get("sigma_K"), **common)
+    except BadInput as fault:
+        faults.extend(fault.lines)
+        return None
+
+
+def _force(entry, number, where, case, folder, faults) -> Force | None:
+    common = _common(entry, "force", number, where, case, folder, faults)
+    if common is None:
+        return None
+    try:
+        time, mu = pairs(common["file"], folder, "file")
+    except BadInput as fault:
+        faults.extend(f"{where('force')}: force {number}: {line}" for line in fault.lines)
+        return None
+    return Force(time=time, mu=mu, sigma=entry.get("sigma"), **common)

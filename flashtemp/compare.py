@@ -1,0 +1,223 @@
+"""Measured against computed: simulate what the cameras of a campaign saw, subtract, and say where it differs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flashtemp import case as cases
+from flashtemp.camera.align import align
+from flashtemp.camera.operator import Instrument
+from flashtemp.campaign import Campaign, Force, View
+from flashtemp.march import march
+from flashtemp.residual import Noise, Place, lag_one, noise, structured, whiten
+from flashtemp.run import Run
+from flashtemp.scene import Scene
+
+MARGIN = 3.0  # pixels of road simulated beyond the last one seen
+SURE = 4.0  # standard errors of a correlation that white noise does not reach
+
+
+@dataclass(frozen=True)
+class Seeing:
+    """One recording against its prediction, (frames, nv, nu) degC and K, NaN where not compared.
+
+    `white` and `pattern` noise K; `sigmas` the residual in sigma; `shift` of the image in px with its
+    `shift_error`; correlation of neighbours along u, v and from frame to frame, and in standard errors.
+    """
+
+    view: View
+    predicted: np.ndarray
+    residual: np.ndarray
+    sigmas: np.ndarray
+    noise: Noise
+    shift: tuple[float, float]
+    shift_error: tuple[float, float]
+    rmse_K: float
+    bias_K: float
+    chi2_per_dof: float
+    pixels: int
+    largest: Place | None
+    correlation: dict[str, tuple[float, float]]
+
+    def as_dict(self) -> dict:
+        """For compare.json."""
+        r = self.view.recording
+        return {
+            "file": self.view.file, "view": r.view, "with": self.view.given, "held_out": self.view.held_out,
+            "frames": r.frames, "values": self.pixels, "rmse_K": self.rmse_K, "bias_K": self.bias_K,
+            "chi2_per_dof": self.chi2_per_dof, "noise": asdict(self.noise), "shift_px": list(self.shift),
+            "shift_error_px": list(self.shift_error), "largest": self.largest and asdict(self.largest),
+            "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
+            "white": self.white,
+        }  # fmt: skip
+
+    @property
+    def white(self) -> bool:
+        """Whether no structure is left between neighbouring pixels and frames."""
+        return all(abs(s) < SURE for _, s in self.correlation.values())
+
+
+@dataclass(frozen=True)
+class Pulling:
+    """One load-cell trace against its prediction: friction coefficients (n,), `sigma` of one reading."""
+
+    force: Force
+    predicted: np.ndarray
+    residual: np.ndarray
+    sigma: float
+    rmse: float
+    bias: float
+    chi2_per_dof: float
+    correlation: dict[str, tuple[float, float]]
+
+    def as_dict(self) -> dict:
+        """For compare.json."""
+        return {
+            "file": self.force.file, "with": self.force.given, "held_out": self.force.held_out,
+            "readings": len(self.residual), "rmse": self.rmse, "bias": self.bias, "sigma": self.sigma,
+            "chi2_per_dof": self.chi2_per_dof,
+            "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A campaign against the case that is believed: every recording and every load-cell trace."""
+
+    campaign: Campaign
+    seeings: tuple[Seeing, ...]
+    pullings: tuple[Pulling, ...]
+    runs: tuple[Run, ...]
+
+    def as_dict(self) -> dict:
+        """The content of compare.json."""
+        return {
+            "title": self.campaign.title,
+            "case": self.campaign.case.name,
+            "recordings": [s.as_dict() for s in self.seeings],
+            "forces": [p.as_dict() for p in self.pullings],
+            "energy_imbalance": max(run.energy_imbalance for run in self.runs),
+        }
+
+    def __str__(self) -> str:
+        lines = [f"Comparison '{self.campaign.title}'"]
+        for s in self.seeings:
+            lines += [f"  {s.view.file}: {words(s)}"]
+        for p in self.pullings:
+            lines += [f"  {p.force.file}: mu differs by {p.rmse:.4f} rms, {p.bias:+.4f} on average,"
+                      f" chi2/dof {p.chi2_per_dof:.3g}"]  # fmt: skip
+        return "\n".join(lines)
+
+
+def words(s: Seeing) -> str:
+    """What a comparison found, in one line for people."""
+    line = f"{s.rmse_K:.3f} K rms, {s.bias_K:+.3f} K on average, chi2/dof {s.chi2_per_dof:.3g}"
+    if s.largest is not None and not s.white:
+        at = s.largest
+        place = f"x = {1e3 * at.u:.3g} mm"
+        if s.view.recording.view != "profile":
+            place += f", {'z' if s.view.recording.view == 'sidewall' else 'y'} = {1e3 * at.v:.3g} mm"
+        line += (
+            f"; most at {place}, t = {at.time:.4g} s (repetition {at.repetition}): {at.K:+.2f} K, {at.sigma:+.0f} sigma"
+        )
+    return line if not s.white else f"{line}; no structure left in space or time"
+
+
+def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None) -> Comparison:
+    """Simulate every condition of a campaign once and compare all its recordings and forces with it.
+
+    Raises BadInput, SolverFailure.
+    """
+    seeings, pullings, runs = {}, {}, []
+    groups = conditions(campaign)
+    for number, (given, views, forces) in enumerate(groups, 1):
+        watch(f"condition {number} of {len(groups)}: {', '.join(f'{k} = {v}' for k, v in given.items()) or 'the case'}")
+        scene, run = simulate(campaign, given, views)
+        runs.append(run)
+        for view in views:
+            seeings[id(view)] = see(run, scene, view)
+        for force in forces:
+            pullings[id(force)] = pull(run, force)
+    return Comparison(
+        campaign,
+        tuple(seeings[id(v)] for v in campaign.views),
+        tuple(pullings[id(f)] for f in campaign.forces),
+        tuple(runs),
+    )
+
+
+def conditions(campaign: Campaign) -> list[tuple[dict, list[View], list[Force]]]:
+    """Entries that share their overrides, so that each condition is simulated once."""
+    groups: dict[str, tuple[dict, list, list]] = {}
+    for kind, entries in ((1, campaign.views), (2, campaign.forces)):
+        for entry in entries:
+            key = repr(sorted(entry.given.items(), key=lambda item: item[0]))
+            groups.setdefault(key, (entry.given, [], []))[kind].append(entry)
+    return list(groups.values())
+
+
+def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene, Run]:
+    """March the believed case under one condition, with fields at all times that its recordings show."""
+    case = campaign.load(given)
+    seen = [v.recording for v in views if v.recording.view == "wake"]
+    behind = max((r.u[-1] + MARGIN * r.pitch[0] for r in seen), default=0.0) - case["block.length"]
+    if behind > case["road.downstream"]:
+        case = campaign.load(given | {"road.downstream": float(behind)})
+    scene = cases.build(case)
+    acting = scene.acting
+    times = {float(t) for v in views for t in Instrument(v.recording, acting).times() if 0.0 <= t <= scene.schedule.end}
+    settings = replace(cases.settings(case), times=tuple(sorted(times)), fields=2)
+    return scene, march(scene, settings, case.title)
+
+
+def see(run: Run, scene: Scene, view: View) -> Seeing:
+    """One recording against a run of its condition."""
+    recording = view.recording
+    guess = Noise(view.sigma_K or recording.netd_K or 0.05, recording.fixed_pattern_K or 0.0)
+    found = align(
+        run, scene, recording, lambda r: whiten(r, guess), scene.acting, recording.registration_sigma_px or 0.0
+    )
+    residual = np.where(found.seen.inside, recording.temperature - found.seen.temperature, np.nan)
+    level = noise(residual, view.sigma_K or recording.netd_K, recording.fixed_pattern_K)
+    sigmas = whiten(residual, level)
+    good = np.isfinite(residual)
+    count = int(good.sum())
+    fitted = sum(e > 0 for e in found.error)
+    return Seeing(
+        view=view,
+        predicted=found.seen.temperature,
+        residual=residual,
+        sigmas=sigmas,
+        noise=level,
+        shift=found.shift,
+        shift_error=found.error,
+        rmse_K=float(np.sqrt(np.mean(residual[good] ** 2))) if count else float("nan"),
+        bias_K=float(np.mean(residual[good])) if count else float("nan"),
+        chi2_per_dof=float(np.sum(sigmas[good] ** 2) / max(count - fitted, 1)),
+        pixels=count,
+        largest=structured(residual, level, recording),
+        correlation={name: lag_one(sigmas, axis) for axis, name in ((2, "u"), (1, "v"), (0, "time"))},
+    )
+
+
+def pull(run: Run, force: Force) -> Pulling:
+    """One load-cell trace against a run of its condition; readings while nothing slides are left out."""
+    good = np.isfinite(run.friction)
+    time, mu = np.array(force.time), np.array(force.mu)
+    on = np.interp(time, run.time, run.sliding.astype(float)) > 0.99
+    predicted = np.interp(time, run.time[good], run.friction[good])
+    residual = np.where(on, mu - predicted, np.nan)
+    kept = residual[np.isfinite(residual)]
+    steps = np.diff(kept, n=2) / np.sqrt(6.0)
+    sigma = force.sigma or float(max(1.4826 * np.median(np.abs(steps)), 1e-6) if len(steps) else 1e-3)
+    return Pulling(
+        force, predicted, residual, sigma,
+        rmse=float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan"),
+        bias=float(np.mean(kept)) if len(kept) else float("nan"),
+        chi2_per_dof=float(np.mean((kept / sigma) ** 2)) if len(kept) else float("nan"),
+        correlation={"time": lag_one(kept / sigma, 0)},
+    )  # fmt: skip

@@ -1,0 +1,109 @@
+"""Residuals of images in kelvin and in sigma: noise, fixed pattern, whitening, and tests for structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
+
+
+@dataclass(frozen=True)
+class Noise:
+    """`white` of one pixel of one frame, `pattern` between pixels that stays in all frames; K.
+
+    `estimated`: the names of those that the data themselves had to give.
+    """
+
+    white: float
+    pattern: float
+    estimated: tuple[str, ...] = ()
+
+
+def noise(residual: np.ndarray, white: float | None, pattern: float | None) -> Noise:
+    """Noise of residuals (frames, nv, nu) K, NaN where masked; what is not given is estimated.
+
+    White noise from differences of successive frames, the fixed pattern from differences between
+    neighbouring pixels of the mean over frames, so that smooth structure counts for neither.
+    """
+    estimated, n = [], len(residual)
+    if white is None:
+        estimated.append("white")
+        step = np.diff(residual, axis=0) if n > 2 else np.diff(residual, n=2, axis=-1) / np.sqrt(3.0)
+        white = _spread(step) / np.sqrt(2.0)
+    if pattern is None:
+        estimated.append("pattern")
+        mean = _mean(residual)
+        steps = [np.diff(mean, n=2, axis=a).ravel() / np.sqrt(6.0) for a in (0, 1) if mean.shape[a] > 2]
+        total = _spread(np.concatenate(steps)) if steps else 0.0
+        pattern = float(np.sqrt(max(total**2 - white**2 / max(n, 1), 0.0)))
+    return Noise(max(float(white), 1e-6), float(pattern), tuple(estimated))
+
+
+def _spread(values: np.ndarray) -> float:
+    """Robust standard deviation of differences."""
+    values = values[np.isfinite(values)]
+    return MAD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+
+
+def _mean(residual: np.ndarray) -> np.ndarray:
+    """Mean over frames (nv, nu), NaN where no frame has a value."""
+    n = np.isfinite(residual).sum(axis=0)
+    return np.where(n > 0, np.nansum(residual, axis=0) / np.maximum(n, 1), np.nan)
+
+
+def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
+    """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `noise` is in them.
+
+    Per pixel with n frames: (y - c mean(y))/sigma, c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
+    """
+    n, mean = np.isfinite(residual).sum(axis=0), _mean(residual)
+    c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
+    return (residual - c * mean) / noise.white
+
+
+def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:
+    """Correlation of neighbours along an axis, and in units of its standard error for white noise."""
+    a = np.moveaxis(whitened, axis, 0)
+    first, second = a[:-1], a[1:]
+    both = np.isfinite(first) & np.isfinite(second)
+    count = int(both.sum())
+    if count < 8:
+        return 0.0, 0.0
+    power = np.nanmean(whitened**2)
+    r = float(np.mean(first[both] * second[both]) / power) if power > 0 else 0.0
+    return r, r * np.sqrt(count)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a residual is largest: `K` and in `sigma`, at `u`, `v` (m), `time` (s) and `repetition`."""
+
+    K: float
+    sigma: float
+    u: float
+    v: float
+    time: float
+    repetition: int
+
+
+def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> Place | None:
+    """The largest residual that is wider than a pixel: of means over `size` x `size` pixels of one frame."""
+    from scipy.ndimage import uniform_filter1d
+
+    known = np.isfinite(residual)
+    values, weight = np.where(known, residual, 0.0), known.astype(float)
+    for axis in (1, 2):
+        if residual.shape[axis] >= size:
+            values = uniform_filter1d(values, size, axis=axis, mode="constant") * size
+            weight = uniform_filter1d(weight, size, axis=axis, mode="constant") * size
+    if not (weight > 0.5).any():
+        return None
+    mean = np.where(weight > 0.5, values / np.maximum(weight, 1.0), 0.0)
+    error = np.sqrt((noise.white**2 + noise.pattern**2) / np.maximum(weight, 1.0))
+    k, j, i = np.unravel_index(int(np.argmax(np.abs(mean) / error)), mean.shape)
+    return Place(
+        float(mean[k, j, i]), float(mean[k, j, i] / error[k, j, i]), float(recording.u[i]), float(recording.v[j]),
+        float(recording.time[k]), int(recording.repetition[k]),
+    )  # fmt: skip

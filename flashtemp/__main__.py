@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter
 
 from flashtemp import __version__
-from flashtemp.commands import camera, questions, simulate
+from flashtemp.commands import camera, campaigns, questions, simulate
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.terminal import BAD, DONE, FAILED, STOPPED, tell
 
@@ -20,6 +20,7 @@ app = App(
 )
 COMMANDS = (
     simulate.run, simulate.check, simulate.converge, simulate.effects, questions.repetitions, questions.wait,
+    campaigns.compare, campaigns.twin,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)
@@ -38,10 +39,8 @@ def later(what: str):
 
 
 LATER = {
-    "compare": "simulate what the camera saw, subtract, draw",
     "discover": "find what the simulation gets wrong and name the cause",
     "plan": "before measuring: which effects the views and conditions can tell apart",
-    "twin": "a synthetic campaign with a hidden effect",
     "sweep": "a case over several values of a key",
     "view": "interactive 3D view of a result",
 }

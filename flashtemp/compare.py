@@ -26,7 +26,7 @@ class Seeing:
     """One recording against its prediction, (frames, nv, nu) degC and K, NaN where not compared.
 
     `white` and `pattern` noise K; `sigmas` the residual in sigma; `shift` of the image in px with its
-    `shift_error`; correlation of neighbours along u, v and from frame to frame, and in standard errors.
+    `shift_error`, or the one `shift_refused` because the image cannot be that far off; correlation of neighbours along u, v and from frame to frame, and in standard errors.
     """
 
     view: View
@@ -35,6 +35,7 @@ class Seeing:
     sigmas: np.ndarray
     noise: Noise
     shift: tuple[float, float]
+    shift_refused: tuple[float, float] | None
     shift_error: tuple[float, float]
     rmse_K: float
     bias_K: float
@@ -50,7 +51,7 @@ class Seeing:
             "file": self.view.file, "view": r.view, "with": self.view.given, "held_out": self.view.held_out,
             "frames": r.frames, "values": self.pixels, "rmse_K": self.rmse_K, "bias_K": self.bias_K,
             "chi2_per_dof": self.chi2_per_dof, "noise": asdict(self.noise), "shift_px": list(self.shift),
-            "shift_error_px": list(self.shift_error), "largest": self.largest and asdict(self.largest),
+            "shift_refused_px": self.shift_refused and list(self.shift_refused), "shift_error_px": list(self.shift_error), "largest": self.largest and asdict(self.largest),
             "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
             "white": self.white,
         }  # fmt: skip
@@ -124,6 +125,9 @@ def words(s: Seeing) -> str:
         line += (
             f"; most at {place}, t = {at.time:.4g} s (repetition {at.repetition}): {at.K:+.2f} K, {at.sigma:+.0f} sigma"
         )
+    if s.shift_refused is not None:
+        far = " and ".join(f"{v:.2f}" for v in s.shift_refused)
+        line += f"; a shift by {far} px would fit better than the image can be off: not applied"
     return line if not s.white else f"{line}; no structure left in space or time"
 
 
@@ -194,6 +198,7 @@ def see(run: Run, scene: Scene, view: View) -> Seeing:
         sigmas=sigmas,
         noise=level,
         shift=found.shift,
+        shift_refused=found.refused,
         shift_error=found.error,
         rmse_K=float(np.sqrt(np.mean(residual[good] ** 2))) if count else float("nan"),
         bias_K=float(np.mean(residual[good])) if count else float("nan"),

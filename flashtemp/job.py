@@ -18,25 +18,12 @@ import numpy as np
 from flashtemp import case as cases
 from flashtemp import export
 from flashtemp.errors import BadInput, Interrupted
+from flashtemp.folders import partial
 from flashtemp.march import Progress, march
 from flashtemp.run import Run
 
 CHECKPOINT, LOCK = "checkpoint.h5", ".lock"
 EVERY = 30.0  # s of wall time between checkpoints
-
-
-def free_name(out: Path) -> Path:
-    """The folder itself, or the first of name-2, name-3... that does not exist yet."""
-    n, path = 1, out
-    while path.exists() or partial(path).exists():
-        n += 1
-        path = out.with_name(f"{out.name}-{n}")
-    return path
-
-
-def partial(out: Path) -> Path:
-    """Where a result is written until it is whole."""
-    return out.with_name(out.name + ".partial")
 
 
 def simulate(

@@ -65,7 +65,7 @@ TABLES: dict[str, dict[str, Param]] = {
         "first_road": Param(3e-6, "m", "first cell of the road at the interface", low=1e-9, high=0.1),
         "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
         "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
-        "order": Param(3, "1", "highest BDF order; 4 and 5 can take many more steps on fine meshes", low=1, high=5, kinds=("whole",)),
+        "order": Param(3, "1", "highest BDF order; 4 and 5 may need many more steps", low=1, high=5, kinds=("whole",)),
         "integrator": Param("auto", "", '"scikits-odes", "scikit-sundae" or "auto"', kinds=("binding",)),
     },
     "output": {

@@ -20,6 +20,7 @@ from flashtemp import cvode
 from flashtemp.camera import synthetic
 from flashtemp.effect import catalogue, find
 from flashtemp.errors import BadInput
+from flashtemp.folders import whole
 from flashtemp.march import march
 
 NETD = 0.05  # K
@@ -56,23 +57,13 @@ def twin(case: cases.Case, plan: Plan, out, watch: Callable[[str], Any] = lambda
     Raises BadInput, SolverFailure.
     """
     out = Path(out)
-    _check(case, plan, out)
-    work = out.with_name(out.name + ".partial")
-    shutil.rmtree(work, ignore_errors=True)
-    try:
-        work.mkdir(parents=True)
-    except OSError as fault:
-        raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
-    try:
+    _check(case, plan)
+    with whole(out) as work:
         _write(case, plan, work, watch)
-        work.rename(out)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
     return out
 
 
-def _check(case: cases.Case, plan: Plan, out: Path) -> None:
+def _check(case: cases.Case, plan: Plan) -> None:
     for name in plan.hidden:
         if find(name).base:
             raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
@@ -86,8 +77,6 @@ def _check(case: cases.Case, plan: Plan, out: Path) -> None:
     for key in ("contact.pressure", "schedule.speed"):
         if not isinstance(case[key], (int, float)):
             raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
-    if out.exists():
-        raise BadInput(f"--out: {out} exists; choose another folder")
 
 
 def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:

@@ -96,7 +96,7 @@ def test_second_point_of_a_tilted_image(tmp_path):
     assert 0.3 < np.isfinite(r.temperature).mean() < 1
 
 
-SLANTED = 1e-3 * np.array([[0.5, 0.04, -3.5], [-0.03, -0.5, 12.2], [0.0, 0.0, 1.0]])
+SLANTED = 1e-3 * np.array([[0.5, 0.04, -3.5], [-0.03, -0.5, 12.2], [0.0, 0.0, 1e3]])
 SLANTED = np.array([[1, 0, 0], [0, 1, 0], [2.0, -1.5, 1.0]]) @ SLANTED
 
 
@@ -164,10 +164,15 @@ def test_dead_pixels_are_found_and_edges_kept():
     """A block's edge, a hot spot, a bright line and noise pass; single pixels and pairs that stick do not."""
     chance = np.random.default_rng(3)
     u, v = np.meshgrid(np.arange(160), np.arange(120))
-    T = field(u / 6, v / 6) - 25.0 * (v > 80) + 15.0 * (np.abs(v - u / 2) < 1) + 0.05 * chance.standard_normal(u.shape)
+    T = (
+        field(u / 6, v / 6)
+        - 25.0 * (v > 80)
+        + 15.0 * ((np.abs(v - u / 2) < 1) & (u > 20))
+        + 0.05 * chance.standard_normal(u.shape)
+    )
     assert geometry.dead_pixels(T[None]).sum() == 0
     lone = np.zeros(T.shape, bool)
-    lone[10:70:12, 90:150:9] = True
+    lone[10:40:12, 90:150:9] = True
     lone[20, 120:122] = True
     found = geometry.dead_pixels(np.where(lone, T + 4.0 * (-1) ** u, T)[None])
     assert np.array_equal(found, lone)
@@ -320,7 +325,10 @@ def test_everything_missing_is_asked_for_at_once(tmp_path, image, capsys):
         (["--out", "r.txt"], "ends in .nc"),
         (["--out", "none/r.nc"], "no folder"),
         (["--out", "r.nc", "--repetition", "0"], "repetition: 0; give"),
-        (["--out", "r.nc", "--emissivity", "1.4", "--was.emissivity", "0.9"], "emissivity: 1.4; give"),
+        (
+            ["--out", "r.nc", "--emissivity", "1.4", "--was.emissivity", "0.9", "--was.reflected", "9"],
+            "emissivity: 1.4; give",
+        ),
         (["--out", "r.nc", "--fps", "0"], "fps: 0; give"),
         (["--out", "r.nc", "--mm-per-pixel", "-1"], "mm_per_pixel: -1; give"),
         (["--out", "r.nc", "--downstream", "up"], "--up left or right"),

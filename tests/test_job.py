@@ -278,7 +278,7 @@ def test_json_is_all_that_stands_on_stdout(folder, tmp_path, capsys):
     assert "did you mean 'holder_sink'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["import", "compare", "discover", "plan", "twin", "sweep", "view"])
+@pytest.mark.parametrize("command", ["discover", "plan", "sweep", "view"])
 def test_later_commands_answer_help_and_say_so(command, capsys):
     assert main([command, "--help"]) == 0
     assert command in capsys.readouterr().out

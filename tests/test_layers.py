@@ -17,6 +17,7 @@ import flashtemp
 ROOT = Path(__file__).parents[1]
 LAYERS = [  # from the bottom; a module imports from its own layer or one before it
     ["errors"],
+    ["folders"],
     ["tables", "mesh", "material", "schedule", "effect"],
     ["effects", "meshes", "scene"],
     ["laws", "contact", "kernels", "foundation", "sites"],
@@ -28,7 +29,8 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["keys", "case"],
     ["camera", "residual"],
     ["campaign"],
-    ["compare"],
+    ["compare", "twin"],
+    ["report"],
     ["export", "job", "verify", "exact", "decay", "settling", "waiting"],
     ["viz"],
     ["terminal"],

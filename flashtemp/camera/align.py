@@ -10,15 +10,20 @@ from flashtemp.camera.operator import Seen, observe
 from flashtemp.camera.recording import Recording
 
 STEP = 1e-30
+FAR = 3.0  # standard deviations: a shift beyond is not the image's
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Shift of an image along u and v in px with its standard errors, and what is seen with it."""
+    """Shift of an image along u and v in px with its standard errors, and what is seen with it.
+
+    `refused` (px): a shift that would fit best but lies beyond what is known of the origin; then none is applied.
+    """
 
     shift: tuple[float, float]
     error: tuple[float, float]
     seen: Seen
+    refused: tuple[float, float] | None = None
 
 
 def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0) -> Alignment:
@@ -47,6 +52,9 @@ def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0
         seen = observe(run, scene, recording, acting, shift)
         if np.abs(step).max() < 1e-6:
             break
+    if np.abs(shift).max() > FAR * known:
+        best = tuple(map(float, shift))
+        return Alignment((0.0, 0.0), (0.0, 0.0), observe(run, scene, recording, acting), best)
     error = np.zeros(2)
     error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
     return Alignment(tuple(map(float, shift)), tuple(map(float, error)), seen)

@@ -85,6 +85,7 @@ def _hdf5(data: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
     found = {}
 
     def visit(name, item):
+        name = name if isinstance(name, str) else name.decode("latin-1")  # a damaged name stays bytes
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "fui" and item.size <= 40 * MOST_PIXELS:
             if item.ndim and item.size > 4000 * len(data):
                 raise BadInput(f"array '{name}' of shape {item.shape} in a file of {len(data)} bytes; {AGAIN}")

@@ -206,10 +206,12 @@ def physics(info: Info, given: dict[str, float], planck: Planck | None):
     return planck, parameters, own, lowest, highest
 
 
-def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None = None) -> Frames:
-    """All frames of FFF data, degC with the file's parameters or those given instead."""
-    images, temperatures, infos, found = [], [], [], []
+def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None = None, every: int = 1) -> Frames:
+    """Frames of FFF data, one of `every`, degC with the file's parameters or those given instead."""
+    images, infos, found = [], [], []
     for number, block in enumerate(blocks(data), 1):
+        if (number - 1) % every:
+            continue
         for kind, what in ((COUNTS, "counts"), (INFO, "calibration")):
             if kind not in block.records:
                 raise BadInput(f"frame {number} has no record of its {what}; choose a radiometric file of the camera")
@@ -219,10 +221,11 @@ def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None 
             raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {images[0].shape}; {AGAIN}")
         setting = physics(about, given, planck)
         images.append(image)
-        temperatures.append(_table(*setting)[image])
         infos.append(about)
         found.append(setting)
-    T = np.stack(temperatures)
+    T = np.empty((len(images), *images[0].shape))
+    for temperature, image, setting in zip(T, images, found, strict=True):
+        temperature[:] = _table(*setting)[image]
     clocks = [i.clock for i in infos]
     change = any(f != found[0] for f in found)
     return Frames(
@@ -234,7 +237,7 @@ def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None 
         counts=np.stack(images),
         planck=found[0][0],
         camera=infos[0].camera,
-        fps=infos[0].fps,
+        fps=infos[0].fps / every if infos[0].fps else None,
         outside=int(np.isnan(T).sum()),
         notes=("parameters change from frame to frame; each has its own",) if change else (),
     )

@@ -37,7 +37,7 @@ MOST_BYTES = 8 * 2**30
 class Unsaid:
     """What a file may not say: `scale` and `offset` (degC) of counts, `unit`, `variable`, `decimal`, `below` (degC).
 
-    `parameters` and `planck` go before what a radiometric file says itself.
+    `parameters` and `planck` go before what a radiometric file says itself; `every`: keep one frame of so many.
     """
 
     scale: float | None = None
@@ -48,6 +48,7 @@ class Unsaid:
     below: float | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     planck: Planck | None = None
+    every: int = 1
 
 
 def read(path, **unsaid) -> Frames:
@@ -58,7 +59,8 @@ def read(path, **unsaid) -> Frames:
     path, known = Path(path), Unsaid(**unsaid)
     try:
         data = _bytes(path)
-        return _by_magic(path, data, known)
+        frames = _by_magic(path, data, known)
+        return frames if frames.counts is not None else frames.every(known.every)
     except BadInput as fault:
         name = str(path)
         raise BadInput(*(t if t.startswith(name) else f"{name}: {t}" for t in fault.lines)) from fault
@@ -87,7 +89,7 @@ def _by_magic(path: Path, data: bytes, known: Unsaid) -> Frames:
     if data.startswith(b"\xff\xd8"):
         return _jpeg(data, known)
     if data.startswith(fff.MAGIC):
-        frames = fff.read(data, "FLIR FFF", known.parameters, known.planck)
+        frames = fff.read(data, "FLIR FFF", known.parameters, known.planck, known.every)
         return replace(frames, format="FLIR sequence") if len(frames.temperature) > 1 else frames
     if data.startswith(irb.MAGIC):
         return irb.read(data)

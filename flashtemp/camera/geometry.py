@@ -16,8 +16,9 @@ from flashtemp.errors import BadInput
 
 DIRECTIONS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "down": (0.0, 1.0), "up": (0.0, -1.0)}  # (column, row)
 MM = 1e-3
-DEAD = 6.0  # robust standard deviations beyond the neighbours
+DEAD = 7.0  # robust standard deviations beyond the neighbours
 LEAST_SCATTER = 0.02  # K: below this no neighbourhood is believed
+RIM = 6  # pixels around an image so that a cubic sees no edge
 MOST_GROWTH = 4  # times the pixels of the image that a turned image may have
 
 
@@ -88,15 +89,16 @@ def from_points(points) -> tuple[np.ndarray, str]:
     M = getattr(transform, "params", None)
     if M is None or not np.all(np.isfinite(M)) or np.linalg.cond(M) > 1e12:
         raise BadInput("point: the marked points lie on a line; give four of which no three do")
+    M = M / (M[2] @ (*p[:, :2].mean(axis=0), 1.0))  # in front of the horizon where the points are
     off = project(np.linalg.inv(M), p[:, 2:]) - p[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
-    if rms > 5:
+    if not rms <= 5:
         raise BadInput(f"point: no plane fits the points, {rms:.1f} px off; repair the numbers of one of them")
     return _metres(M), f"{len(p)} points fit to {rms:.2f} px" + (", four always fit" if len(p) == 4 else "")
 
 
 def _metres(M: np.ndarray) -> np.ndarray:
-    return np.diag([MM, MM, 1.0]) @ M / M[2, 2]
+    return np.diag([MM, MM, 1.0]) @ M
 
 
 def project(M: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -171,11 +173,12 @@ def _interpolated(image: np.ndarray, wanted: np.ndarray, band: Planck) -> np.nda
 
     where = np.nan_to_num(wanted[..., ::-1].transpose(2, 0, 1), nan=-10.0)
     last = np.array(image.shape)[:, None, None] - 1
-    lost = np.any((where < -0.5) | (where > last + 0.5), axis=0)
+    lost = np.any((where < -1e-6) | (where > last + 1e-6), axis=0)
     dead = np.isnan(image)
     if dead.any():
         lost |= map_coordinates(dead.astype(float), where, order=1, mode="nearest") > 0.01
-    light = map_coordinates(band.counts(filled(image)), where, order=3, mode="nearest")
+    light = np.pad(band.counts(filled(image)), RIM, mode="reflect", reflect_type="odd")  # gradients go on at the rim
+    light = map_coordinates(light, where + RIM, order=3, mode="nearest")
     return np.where(lost, np.nan, band.temperature(light))
 
 

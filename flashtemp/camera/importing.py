@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +84,7 @@ def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Importe
     notes: list[str] = []
     place = None
     for number, path in enumerate(names, 1):
-        frames = _read(path, facts).every(facts.every or 1)
+        frames = _read(path, facts)
         if pieces:
             _alike(pieces[0], (path, frames))
         else:
@@ -123,7 +123,9 @@ def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Importe
 
 def _thinned(names: list[Path], facts: Facts) -> list[Path]:
     """Every so many files where each holds one frame."""
-    if (facts.every or 1) == 1 or len(names) == 1 or len(_read(names[0], facts).temperature) > 1:
+    if (facts.every or 1) == 1 or len(names) == 1:
+        return names
+    if len(_read(names[0], replace(facts, every=None)).temperature) > 1:
         return names
     return names[:: facts.every]
 
@@ -175,7 +177,7 @@ def _given(facts: Facts) -> dict[str, float]:
 def _read(path: Path, facts: Facts) -> Frames:
     same = {k: getattr(facts, k) for k in ("scale", "offset", "unit", "variable", "decimal", "below")}
     planck = None if facts.planck is None else Planck(*facts.planck)
-    return files.read(path, **same, parameters=_given(facts), planck=planck)
+    return files.read(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)
 
 
 def _light(frames: Frames) -> Frames:

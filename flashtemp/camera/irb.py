@@ -68,7 +68,8 @@ def _temperatures(image: bytes) -> np.ndarray:
         raise BadInput(f"its images are of a kind that cannot be read here ({kind}); {ASCII}")
     if not 0 < rows * columns <= MOST_PIXELS or len(image) < PIXELS + 2 * rows * columns:
         raise BadInput(f"{len(image) - PIXELS} bytes for {columns} x {rows} pixels; {AGAIN}")
-    palette = np.frombuffer(image, "<f4", 256, PALETTE).astype(float)
+    with np.errstate(invalid="ignore"):  # damage may spell a signalling NaN
+        palette = np.frombuffer(image, "<f4", 256, PALETTE).astype(float)
     if not (np.all(np.isfinite(palette)) and palette.min() >= 0 and 0 < palette.max() < 5000):
         raise BadInput(f"the palette of its temperatures is damaged; {AGAIN}")
     pixels = np.frombuffer(image, np.uint8, 2 * rows * columns, PIXELS).reshape(rows, columns, 2)

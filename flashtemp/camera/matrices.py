@@ -155,7 +155,7 @@ def _without_labels(values: np.ndarray) -> tuple[np.ndarray, bool]:
     """The matrix without a first row and column of running numbers or words."""
 
     def runs(numbers):
-        return len(numbers) > 2 and numbers[0] in (0, 1) and np.array_equal(numbers, numbers[0] + np.arange(len(numbers)))
+        return len(numbers) > 2 and numbers[0] in (0, 1) and np.all(numbers == numbers[0] + np.arange(len(numbers)))
 
     labelled = False
     if len(values) > 2 and runs(values[0, 1:]) and (runs(values[1:, 0]) or np.all(np.isinf(values[1:, 0]))):

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.special import erfc
 
+from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.laws import Laws
 from flashtemp.scene import KELVIN, Acting, Scene
 
-BAND = 1428.0  # K: a long-wave microbolometer, S(T) = 1/(exp(BAND/T) - 1)
 TYPICAL = 0.95  # emissivity where a recording does not say
 RIM = 1.5  # px around the edge of a body that no comparison uses
 
@@ -27,17 +27,6 @@ class Seen:
 
     temperature: np.ndarray
     inside: np.ndarray
-
-
-# --- radiance ---------------------------------------------------------------------------------------
-def radiance(T):
-    """Band radiance (1) of a temperature in K."""
-    return 1.0 / np.expm1(BAND / T)
-
-
-def temperature(S):
-    """Temperature in K of a band radiance."""
-    return BAND / np.log1p(1.0 / S)
 
 
 # --- pixels -----------------------------------------------------------------------------------------
@@ -137,12 +126,12 @@ def observe(
     given = recording.emissivity or TYPICAL
     reflected = background if recording.reflected_degC is None else recording.reflected_degC
     emissivity = camera("emissivity", given + change)
-    mirrored = (1.0 - emissivity) * radiance(camera("reflected", reflected) + KELVIN)
+    mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
     x, z = (_weights(camera, axis, nodes, shift) for axis, nodes in enumerate((along, up)))
-    outside = radiance(background + KELVIN)
-    S = outside + z @ (radiance(body + KELVIN) - outside) @ x.T
-    told = (emissivity * S + mirrored - (1.0 - given) * radiance(reflected + KELVIN)) / given
-    return Seen(temperature(told) - KELVIN, _inside(recording, along, up))
+    outside = LONG_WAVE.counts(background)
+    S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
+    told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
+    return Seen(LONG_WAVE.temperature(told), _inside(recording, along, up))
 
 
 def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:

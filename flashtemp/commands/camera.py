@@ -17,7 +17,7 @@ def import_(
     out: Path | None = None,
     template: Annotated[bool, Switch] = False,
     overwrite: Annotated[bool, Switch] = False,
-    facts: Annotated[Facts, Parameter(name="*", negative=())] = Facts(),  # noqa: B008 (frozen)
+    facts: Annotated[Facts, Parameter(name="*", negative=(), consume_multiple=True)] = Facts(),  # noqa: B008 (frozen)
     json: Json = False,
 ) -> int:
     """Camera files -> one recording (NetCDF), and a picture beside it that shows where the block lies.

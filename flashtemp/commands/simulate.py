@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from flashtemp.errors import BadInput
+from flashtemp.folders import free_name
 from flashtemp.terminal import DONE, Json, Switch, emit, progress_bar, tell
 
 
@@ -50,7 +51,7 @@ def run(
         folder = resume.with_name(resume.name.removesuffix(".partial"))
     else:
         loaded = load(case, list(overrides))
-        folder = out or job.free_name(Path("results") / loaded.name)
+        folder = out or free_name(Path("results") / loaded.name)
         with progress_bar(loaded.name) as watch:
             result = job.simulate(loaded, folder, overwrite, pvd, watch, say)
     emit(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")

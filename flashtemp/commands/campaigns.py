@@ -1,0 +1,79 @@
+"""Commands on campaigns: compare measured with computed, and make a synthetic campaign."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from pathlib import Path
+
+from flashtemp.folders import free_name, whole
+from flashtemp.terminal import DONE, Json, emit, tell
+
+
+def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -> int:
+    """Simulate what the cameras of a campaign saw, subtract, draw: one HTML report and one JSON.
+
+    Parameters
+    ----------
+    campaign
+        A folder with a campaign.toml, or a .toml file.
+    out
+        Result folder; results/NAME-compare when not given.
+    """
+    from flashtemp import campaign as campaigns
+    from flashtemp import compare as comparing
+    from flashtemp import report
+
+    say = (lambda text: None) if json else tell
+    loaded = campaigns.load(campaign)
+    folder = out or free_name(Path("results") / f"{loaded.folder.resolve().name}-compare")
+    with whole(folder) as work:
+        result = comparing.compare(loaded, say)
+        (work / "compare.json").write_text(jsonlib.dumps(result.as_dict(), indent=2) + "\n", encoding="utf-8")
+        say("writing the report")
+        report.write(result, work / "report.html")
+    emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
+    return DONE
+
+
+def twin(
+    case: str,
+    /,
+    *overrides: str,
+    hide: str,
+    seed: int,
+    out: Path,
+    conditions: int = 4,
+    views: str = "sidewall,wake",
+    nuisance: float = 1.0,
+    json: Json = False,
+) -> int:
+    """A synthetic campaign with a hidden effect, as a laboratory would hand it over; the truth is sealed.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file: the model that is believed, without what is hidden.
+    overrides
+        Keys of the case to change, as table.key=value.
+    hide
+        Effects to hide, separated by commas; "none" hides nothing.
+    seed
+        Number from which everything random is drawn.
+    out
+        Folder of the campaign.
+    conditions
+        How many of the four conditions (two pressures, two speeds) are measured.
+    views
+        What is seen: some of sidewall, wake, profile.
+    nuisance
+        Scale of all that is drawn within what a laboratory knows; 0 leaves noise only.
+    """
+    from flashtemp.case import load
+    from flashtemp.twin import Plan
+    from flashtemp.twin import twin as make
+
+    hidden = tuple(name for part in hide.split(",") if (name := part.strip()) and name != "none")
+    plan = Plan(hidden, seed, conditions, tuple(v.strip() for v in views.split(",")), nuisance=nuisance)
+    folder = make(load(case, list(overrides)), plan, out, (lambda text: None) if json else tell)
+    emit({"out": str(folder), "seed": seed, "conditions": conditions}, json, f"campaign in {folder}/campaign.toml")
+    return DONE

@@ -1,0 +1,127 @@
+"""campaign.toml and what it names: read whole, or refused in one line for every fault."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flashtemp import campaign
+from flashtemp.__main__ import main
+from flashtemp.camera.recording import Recording, load
+from flashtemp.errors import BadInput
+
+HEAD = 'case = "case.toml"\n'
+VIEW = '[[recording]]\nfile = "a.nc"\n'
+
+
+def small(**told):
+    given = {
+        "temperature": np.full((2, 3, 4), 25.0), "time": np.array([1.0, 2.0]), "repetition": np.array([1, 1]),
+        "u": np.arange(4) * 1e-3, "v": np.arange(3) * 1e-3,
+    } | told  # fmt: skip
+    return Recording(given.pop("view", "sidewall"), **given)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "case.toml").write_text('effects = ["pressure_tilt"]\n')
+    small(emissivity=0.95).save(tmp_path / "a.nc")
+    (tmp_path / "mu.csv").write_text("time_s,mu\n0,0.9\n1,0.8\n")
+    return tmp_path
+
+
+def refused(folder, text) -> list[str]:
+    (folder / "campaign.toml").write_text(text)
+    with pytest.raises(BadInput) as fault:
+        campaign.load(folder)
+    assert all(str(folder) in line for line in fault.value.lines)
+    return list(fault.value.lines)
+
+
+def test_a_campaign_is_read(folder):
+    (folder / "campaign.toml").write_text(
+        'title = "t"\n' + HEAD + 'free = ["friction.mu", "pressure_tilt.a"]\n' + VIEW
+        + 'with = { "contact.pressure" = 2e5 }\nsigma_K = 0.04\nheld_out = true\n'
+        + '[[force]]\nfile = "mu.csv"\nsigma = 0.01\n'
+    )  # fmt: skip
+    found = campaign.load(folder)
+    assert (found.title, found.free) == ("t", ("friction.mu", "pressure_tilt.a"))
+    [view], [force] = found.views, found.forces
+    assert (view.given, view.sigma_K, view.held_out) == ({"contact.pressure": 2e5}, 0.04, True)
+    assert (force.time, force.mu, force.sigma) == ((0.0, 1.0), (0.9, 0.8), 0.01)
+    assert found.load(view.given)["contact.pressure"] == 2e5
+    assert "a.nc" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (HEAD, "no [[recording]] and no [[force]]"),
+        ('case = "nix.toml"\n' + VIEW, "no file 'nix.toml'"),
+        (HEAD + "titel = 1\n" + VIEW, "did you mean 'title'"),
+        (HEAD + VIEW + "sigma = 1\n", "did you mean 'sigma_K'"),
+        (HEAD + VIEW + "sigma_K = -1\n", "sigma_K: -1; give a number > 0"),
+        (HEAD + VIEW + 'with = { "contact.presure" = 1 }\n', "did you mean 'pressure'"),
+        (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
+        (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
+        (HEAD + '[[recording]]\nfile = "mu.csv"\n', "not a NetCDF recording"),
+        (HEAD + '[[force]]\nfile = "a.nc"\n', "not a text file"),
+        (HEAD + 'free = ["friction.nu"]\n' + VIEW, "did you mean 'friction.mu'"),
+        (HEAD + "recording = 3\n", "write [[recording]]"),
+        ("case = \n", "not valid TOML"),
+    ],
+)
+def test_faults_are_named_in_one_line_each(folder, text, said):
+    lines = refused(folder, text)
+    assert len(lines) == 1
+    assert said in lines[0]
+
+
+def test_all_faults_are_told_at_once(folder):
+    assert len(refused(folder, HEAD + VIEW + 'sigma_K = 0\n[[recording]]\nfile = "b.nc"\n[[force]]\nfile = "c"\n')) == 3
+
+
+def test_a_missing_campaign_is_bad_input(tmp_path, capsys):
+    assert main(["compare", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "no such campaign" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- recordings -------------------------------------------------------------------------------------
+def test_a_recording_comes_back_as_it_was(tmp_path):
+    made = small(emissivity=0.94, netd_K=0.05, fps=30.0, source="bench")
+    made.temperature[0, 1, 2] = np.nan
+    made.save(tmp_path / "r.nc")
+    back = load(tmp_path / "r.nc")
+    np.testing.assert_array_equal(back.temperature, made.temperature)
+    assert (back.emissivity, back.netd_K, back.fps, back.source) == (0.94, 0.05, 30.0, "bench")
+    assert back.psf_sigma_px is None
+    flat = small(view="profile", temperature=np.full((2, 1, 4), 30.0), v=np.zeros(1))
+    flat.save(tmp_path / "p.nc")
+    assert load(tmp_path / "p.nc").temperature.shape == (2, 1, 4)
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"view": "above"}, "sidewall, wake, profile"),
+        ({"u": np.arange(5.0)}, "shape (2, 3, 4)"),
+        ({"u": -np.arange(4.0)}, "must increase"),
+        ({"time": np.array([2.0, 1.0])}, "in order of time"),
+        ({"time": np.array([1.0, np.nan])}, "not finite"),
+        ({"repetition": np.array([0, 1])}, "counted from 1"),
+        ({"temperature": np.full((2, 3, 4), np.nan)}, "no pixel holds a number"),
+        ({"emissivity": 1.2}, "emissivity: 1.2; give 0.05 to 1"),
+    ],
+)
+def test_what_is_no_recording_is_refused(told, said):
+    with pytest.raises(BadInput, match=said.replace("(", r"\(").replace(")", r"\)")):
+        small(**told)
+
+
+def test_a_damaged_recording_is_bad_input(folder):
+    data = (folder / "a.nc").read_bytes()
+    for cut in (0, 100, len(data) // 2, len(data) - 10):
+        (folder / "cut.nc").write_bytes(data[:cut])
+        with pytest.raises(BadInput, match=r"cut\.nc"):
+            load(folder / "cut.nc")

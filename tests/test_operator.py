@@ -1,0 +1,273 @@
+"""What a camera would have seen: pixel averages, radiance, wall and wake, against integrals done by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from flashtemp.camera.operator import Instrument, observe, pixel_weights, wall_cooling
+from flashtemp.camera.radiometry import LONG_WAVE
+from flashtemp.camera.recording import Recording
+from flashtemp.case import build, settings
+from flashtemp.effect import find
+from flashtemp.march import march
+from flashtemp.mesh import Mesh
+from flashtemp.scene import Acting
+
+L, H, W = 0.025, 0.007, 0.05
+
+
+def recording(view="sidewall", pitch=5e-4, times=(1.0,), margin=0.0, **told):
+    """An empty recording over the whole of a body."""
+
+    def pixels(low, high):
+        return np.arange(low - margin + 0.5 * pitch, high + margin, pitch)
+
+    u = pixels(L, L + 8e-3) if view == "wake" else pixels(0.0, L)
+    v = {"wake": pixels(-0.5 * W, 0.5 * W), "profile": np.zeros(1)}.get(view, pixels(0.0, H))
+    n = len(times)
+    empty = np.full((n, len(v), len(u)), 20.0)
+    return Recording(view, empty, np.array(times), np.ones(n, dtype=int), u, v, **told)
+
+
+def acting(name, **p):
+    return Acting(name, find(name)(), SimpleNamespace(**p))
+
+
+@pytest.fixture(scope="module")
+def slid(lab):
+    """A short slide with its scene, fields kept at 1 s."""
+    case = lab.assemble({}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.Places("none"), lab.Path(), "x")
+    scene = build(case)
+    return scene, march(scene, replace(settings(case), times=(0.5, 1.0)))
+
+
+# --- pixels -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("sigma", [0.0, 2e-4, 1e-3])
+def test_weights_are_the_integrals_of_pixel_and_point_spread(sigma):
+    rng = np.random.default_rng(1)
+    nodes = np.sort(rng.uniform(0, L, 14))
+    values, pitch, centres = rng.normal(size=14), 6e-4, np.array([-1e-3, 2e-3, 0.011, 0.0249])
+
+    def kernel(x):
+        if sigma == 0:
+            return float(abs(x) < 0.5 * pitch) / pitch
+        return (norm.cdf((x + 0.5 * pitch) / sigma) - norm.cdf((x - 0.5 * pitch) / sigma)) / pitch
+
+    for centre, got in zip(centres, pixel_weights(centres, pitch, sigma, nodes) @ values, strict=True):
+        cuts = [*nodes, *(c for c in (centre - 0.5 * pitch, centre + 0.5 * pitch) if nodes[0] < c < nodes[-1])]
+        cuts = sorted(cuts)
+        parts = [
+            quad(lambda x, c=centre: np.interp(x, nodes, values) * kernel(c - x), a, b, epsabs=1e-13, limit=200)[0]
+            for a, b in zip(cuts[:-1], cuts[1:], strict=True)
+        ]
+        assert got == pytest.approx(sum(parts), abs=1e-9)
+
+
+def test_weights_of_pixels_inside_sum_to_one_and_keep_a_slope():
+    nodes = np.sort(np.random.default_rng(2).uniform(0, L, 20))
+    centres = np.linspace(nodes[0] + 3e-3, nodes[-1] - 3e-3, 9)
+    for sigma in (0.0, 3e-4):
+        weights = pixel_weights(centres, 5e-4, sigma, nodes)
+        np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+        np.testing.assert_allclose(weights @ nodes, centres, atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", ["centre", "sigma"])
+def test_weights_pass_a_complex_step_on(quantity):
+    nodes, at = np.linspace(0, L, 11), np.array([3.3e-3, 0.012])
+
+    def weights(h):
+        shift, spread = (h, 0.0) if quantity == "centre" else (0.0, h)
+        return pixel_weights(at + shift, 5e-4, 3e-4 + spread, nodes)
+
+    slope = weights(1e-30j).imag / 1e-30
+    np.testing.assert_allclose(slope, (weights(1e-8) - weights(-1e-8)) / 2e-8, atol=1e-4 * np.abs(slope).max())
+
+
+def test_error_against_an_analytic_field_falls_with_the_square_of_the_cells(slid):
+    """A smooth field on the cells of ever finer meshes, seen by pixels smaller and larger than the cells."""
+    scene, run = slid
+    for pitch in (2.5e-4, 2e-3):
+        told = recording(pitch=pitch, times=(0.0,), emissivity=1.0)
+        errors = []
+        for n in (12, 24, 48):
+            mesh = Mesh(np.linspace(0, L, n + 1), np.linspace(0, 1e-3, 3), np.linspace(0, H, n + 1), 0, n)
+
+            def T(x, z):
+                return 40.0 + 20.0 * np.sin(2 * np.pi * x / L) * np.exp(-z / 3e-3)
+
+            field = np.zeros((1, mesh.n_cells))
+            field[0, mesh.block] = T(mesh.x_block[:, None], 0.5 * (mesh.height[1:] + mesh.height[:-1]))
+            flat = SimpleNamespace(
+                mesh=mesh, x=mesh.x_block, time=np.array([0.0]), frames=np.array([0]), field=field,
+                T_block=T(mesh.x_block, 0.0)[None],
+            )  # fmt: skip
+            seen = observe(flat, scene, told)
+            fine = ((np.arange(60) + 0.5) / 60 - 0.5) * pitch
+            exact = LONG_WAVE.temperature(LONG_WAVE.counts(_grid(T, told, fine)).mean(axis=(2, 3)))
+            errors.append(np.abs(seen.temperature[0] - exact)[seen.inside].max())
+        assert errors[0] / errors[1] > 3.3, pitch
+        assert errors[1] / errors[2] > 3.3, pitch
+        assert errors[2] < 0.06
+
+
+def _grid(T, told, fine):
+    """T at a fine grid of points in every pixel (nv, nu, points, points)."""
+    x = (told.u[:, None] + fine)[None, :, None, :]
+    z = (told.v[:, None] + fine)[:, None, :, None]
+    return T(x, z)
+
+
+# --- radiance ---------------------------------------------------------------------------------------
+def test_pixels_average_radiance_not_kelvin():
+    """Half of the pixel at 50, half at 150 degC reads 106 degC, not 100."""
+    mean = LONG_WAVE.temperature(0.5 * (LONG_WAVE.counts(50.0) + LONG_WAVE.counts(150.0)))
+    assert mean == pytest.approx(106.3, abs=0.3)
+
+
+@pytest.mark.parametrize(("T", "off"), [(40.0, 0.39), (80.0, 1.05), (120.0, 1.63)])
+def test_an_emissivity_set_too_low_reads_too_hot(T, off):
+    """0.93 told where 0.95 is true, 20 degC reflected: figures of a FLIR E60."""
+    S = 0.95 * LONG_WAVE.counts(T) + 0.05 * LONG_WAVE.counts(20.0)
+    assert LONG_WAVE.temperature((S - 0.07 * LONG_WAVE.counts(20.0)) / 0.93) - T == pytest.approx(off, rel=0.04)
+
+
+def test_a_camera_that_is_told_the_truth_reports_it(slid):
+    scene, run = slid
+    black, grey = (observe(run, scene, recording(emissivity=e, reflected_degC=35.0)) for e in (1.0, 0.9))
+    np.testing.assert_allclose(black.temperature, grey.temperature, atol=1e-9)
+
+
+# --- instrument effects -----------------------------------------------------------------------------
+OFF = {
+    "emissivity": {"change": 0.0}, "reflection": {"excess": 0.0}, "blur": {"sigma": 0.0}, "time_lag": {"lag": 0.0},
+    "registration": {"du": 0.0, "dv": 0.0},
+}  # fmt: skip
+ON = {
+    "emissivity": {"change": -0.05}, "reflection": {"excess": 20.0}, "blur": {"sigma": 1.0}, "time_lag": {"lag": 0.5},
+    "registration": {"du": 0.3, "dv": -0.2},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OFF)
+def test_instrument_effects_are_off_bit_for_bit_and_act_otherwise(slid, name):
+    scene, run = slid
+    told = recording(emissivity=0.95, psf_sigma_px=0.5)
+    base = observe(run, scene, told).temperature
+    np.testing.assert_array_equal(observe(run, scene, told, (acting(name, **OFF[name]),)).temperature, base)
+    changed = observe(run, scene, told, (acting(name, **ON[name]),)).temperature
+    assert np.abs(changed - base).max() > 0.05
+
+
+def test_a_shift_shows_what_lies_one_pixel_on(slid):
+    scene, run = slid
+    told = recording(pitch=5e-4, emissivity=0.95)
+    base = observe(run, scene, told).temperature
+    moved = observe(run, scene, told, (acting("registration", du=1.0, dv=0.0),)).temperature
+    np.testing.assert_allclose(moved[:, :, 3:-4], base[:, :, 4:-3], atol=1e-10)
+
+
+def test_a_lag_and_an_exposure_show_an_earlier_time(slid):
+    scene, run = slid
+    told = recording(times=(1.0,))
+    assert Instrument(told, (acting("time_lag", lag=0.5),)).times() == pytest.approx([0.5])
+    late = observe(run, scene, told, (acting("time_lag", lag=0.5),)).temperature
+    np.testing.assert_allclose(late, observe(run, scene, recording(times=(0.5,))).temperature, atol=1e-12)
+    assert Instrument(replace(told, exposure_s=0.2)).times() == pytest.approx([0.9])
+
+
+def test_the_operator_is_differentiable(slid):
+    """d(image)/d(shift) and d(image)/d(emissivity) by complex step against differences."""
+    scene, run = slid
+    told = recording(emissivity=0.95, psf_sigma_px=0.7)
+    for given, h in (({"shift": (1.0, 0.0)}, 1e-4), ({"shift": (0.0, 1.0)}, 1e-4), ({"change": 1.0}, 1e-5)):
+
+        def image(step, given=given):
+            return observe(run, scene, told, **{k: np.multiply(step, v) for k, v in given.items()}).temperature
+
+        slope = image(1e-30j).imag / 1e-30
+        wanted = (image(h) - image(-h)) / (2 * h)
+        np.testing.assert_allclose(slope, wanted, atol=1e-5 * np.abs(slope).max())
+
+
+# --- wake and profile -------------------------------------------------------------------------------
+def test_the_wake_holds_the_heat_of_lanes_and_gaps(lab):
+    """Averaged across y the wake carries phi times the rise of a lane that keeps its width."""
+    given = {"schedule.distance": 0.5, "contact.lane_widening": 0.0}
+    case = lab.assemble({}, given, lab.Places("none"), lab.Path(), "x")
+    scene = build(case)
+    run = march(scene, settings(case))
+    k, mesh = len(run.frames) - 1, run.mesh
+    lanes = run.field[k][mesh.road[mesh.last :, -1]] - run.ambient_degC
+    np.testing.assert_allclose(run.T_wake[run.frames[k]] - run.ambient_degC, 0.2 * lanes, rtol=1e-4, atol=1e-4)
+    told = recording("wake", pitch=5e-4, times=(run.time[-1],), margin=3e-3)
+    rise = observe(run, scene, told).temperature[0] - run.ambient_degC
+    across = rise.sum(axis=0)[10:-10] * 5e-4 / W
+    np.testing.assert_allclose(across, np.interp(told.u[10:-10], run.x_wake, run.T_wake[-1]) - 20.0, rtol=0.03)
+
+
+def test_a_profile_is_the_block_surface_averaged_over_pixels(slid):
+    scene, run = slid
+    told = recording("profile", pitch=1e-3)
+    seen = observe(run, scene, told)
+    k = int(np.argmin(np.abs(run.time - 1.0)))
+    fine = np.interp(told.u[:, None] + np.linspace(-5e-4, 5e-4, 201), run.x, run.T_block[k]).mean(axis=1)
+    np.testing.assert_allclose(seen.temperature[0, 0], fine, atol=0.01)
+
+
+def test_rims_are_left_out(slid):
+    scene, run = slid
+    inside = observe(run, scene, recording(pitch=5e-4, margin=2e-3)).inside
+    u = recording(pitch=5e-4, margin=2e-3).u
+    assert not inside[:, u < 7.4e-4].any()
+    assert inside[:, (u > 7.6e-4) & (u < L - 7.6e-4)].any()
+    assert not inside[0].any()
+
+
+# --- the wall in 2D ---------------------------------------------------------------------------------
+@pytest.mark.parametrize(("film", "time"), [(10.0, 5.0), (10.0, 35.0), (20.0, 440.0)])
+def test_fin_correction_against_the_corner_problem(lab, film, time):
+    """Section (y, z) with a hot face, an insulated back and a film on the wall, by finite volumes."""
+    z, wall, mean = corner(film, time)
+    scene = lab.scene(lab.column(8, H, 1e-4))
+    factor = wall_cooling(replace(scene, width=W), np.array([film]), z, np.array([time]))[0]
+    depth = (z > 2e-4) & (z < 6e-3)
+    off = np.abs((1 - factor) / (1 - wall / mean) - 1)[depth]
+    lab.check(f"wall cooler than the section, h = {film:g}, {time:g} s, relative", off.max(), 0.12)
+
+
+def corner(film, time, n=44, steps=120):
+    """Heights z, rise of the wall and mean across the width (n,) for a face at 1."""
+    from scipy.sparse import csc_matrix, diags
+    from scipy.sparse.linalg import splu
+
+    k, rc = 0.25, 1200 * 1700.0
+    y, z = (np.concatenate([[0.0], np.geomspace(a, b, n)]) for a, b in ((8e-5, W / 2), (5e-5, H)))
+    dy, dz = np.diff(y), np.diff(z)
+    entries, sink, source = [], np.zeros((n, n)), np.zeros((n, n))
+    index = np.arange(n * n).reshape(n, n)
+    for a, b, g in (
+        (index[:-1], index[1:], k * dz[None] / (0.5 * (dy[1:] + dy[:-1]))[:, None]),
+        (index[:, :-1], index[:, 1:], k * dy[:, None] / (0.5 * (dz[1:] + dz[:-1]))[None]),
+    ):
+        for i, j in ((a, b), (b, a)):
+            entries += [(i.ravel(), j.ravel(), g.ravel()), (i.ravel(), i.ravel(), -g.ravel())]
+    sink[0] += dz / (dy[0] / (2 * k) + 1 / film)
+    source[:, 0] = dy / (dz[0] / (2 * k))
+    sink += source
+    rows, cols, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+    A = csc_matrix((values, (rows, cols)), (n * n, n * n)) - diags(sink.ravel(), format="csc")
+    T, dt = np.zeros(n * n), time / steps
+    C = rc * np.outer(dy, dz).ravel()
+    solve = splu((diags(C / dt) - A).tocsc()).solve
+    for _ in range(steps):
+        T = solve(C / dt * T + source.ravel())
+    T = T.reshape(n, n)
+    inner = dy[0] / (2 * k)
+    return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), dy @ T / (W / 2)

@@ -1,0 +1,79 @@
+"""Noise, whitening and structure of residuals, on residuals of which everything is known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.residual import Noise, lag_one, noise, structured, whiten
+
+SHAPE = (12, 30, 80)
+
+
+def residual(seed, white=0.05, pattern=0.03, shape=SHAPE, masked=0.0):
+    rng = np.random.default_rng(seed)
+    out = white * rng.normal(size=shape) + pattern * rng.normal(size=shape[1:])
+    out[:, rng.random(shape[1:]) < masked] = np.nan
+    out[:, :3] = np.nan  # a rim
+    return out
+
+
+@pytest.mark.parametrize("pattern", [0.0, 0.03, 0.1])
+def test_noise_is_estimated_from_the_data(pattern):
+    found = noise(residual(1, pattern=pattern, masked=0.01), None, None)
+    assert found.white == pytest.approx(0.05, rel=0.03)
+    assert found.pattern == pytest.approx(pattern, abs=0.006)
+    assert found.estimated == ("white", "pattern")
+
+
+def test_smooth_structure_counts_for_neither_noise():
+    wave = 2.0 * np.sin(np.linspace(0, 6, 80)) * np.cos(np.linspace(0, 3, 30))[:, None]
+    found = noise(residual(2) + wave, None, None)
+    assert found.white == pytest.approx(0.05, rel=0.03)
+    assert found.pattern == pytest.approx(0.03, rel=0.15)
+
+
+def test_given_noise_is_kept():
+    assert noise(residual(3), 0.07, 0.02) == Noise(0.07, 0.02, ())
+
+
+def test_whitened_residuals_are_independent_and_of_unit_variance():
+    found = Noise(0.05, 0.03)
+    w = np.stack([whiten(residual(s), found)[:, 3:] for s in range(8)])
+    assert np.mean(w**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / w.size))
+    for a, b in ((0, 1), (3, 11)):  # frames of one pixel share its pattern before, nothing after
+        raw = np.stack([residual(s)[:, 3:] for s in range(8)])
+        assert abs(np.mean(w[:, a] * w[:, b])) < 4 / np.sqrt(w[:, a].size)
+        assert np.mean(raw[:, a] * raw[:, b]) / 0.03**2 == pytest.approx(1.0, abs=0.1)
+
+
+def test_correlation_of_white_noise_is_within_its_error():
+    z = np.array([[lag_one(whiten(residual(s), Noise(0.05, 0.03)), a)[1] for a in (0, 1, 2)] for s in range(60)])
+    assert np.abs(z).max() < 4.5
+    assert np.std(z) == pytest.approx(1.0, abs=0.2)
+
+
+def test_correlation_finds_structure():
+    wave = 0.05 * np.sin(np.linspace(0, 12, 80))
+    w = whiten(residual(5) + wave, Noise(0.05, 0.03))
+    assert lag_one(w, 2)[1] > 10
+    assert lag_one(w[:, :, :2], 2)[1] == pytest.approx(0.0, abs=8)
+
+
+def test_the_largest_structure_is_found_where_it_is():
+    values = residual(6)
+    values[7, 10:15, 40:45] += 0.4
+    values[2, 20, 20] += 3.0  # a single hot pixel of one frame is less than a spot of 5 x 5
+    where = SimpleNamespace(u=np.arange(80.0), v=np.arange(30.0), time=np.arange(12.0), repetition=np.full(12, 3))
+    place = structured(values, Noise(0.05, 0.03), where)
+    assert (place.u, place.v, place.time, place.repetition) == (42.0, 12.0, 7.0, 3)
+    assert pytest.approx(0.4, abs=0.05) == place.K
+    assert place.sigma > 20
+
+
+def test_nothing_to_compare_is_no_structure():
+    empty = np.full(SHAPE, np.nan)
+    assert structured(empty, Noise(0.05, 0.0), None) is None
+    assert lag_one(empty, 0) == (0.0, 0.0)

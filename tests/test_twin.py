@@ -1,0 +1,174 @@
+"""Synthetic campaigns: made by another discretisation, sealed, and null campaigns compare to chi2/dof = 1."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flashtemp import campaign
+from flashtemp.__main__ import main
+from flashtemp.camera.recording import load as recording
+from flashtemp.case import load
+from flashtemp.compare import compare, words
+from flashtemp.twin import SEALED, Plan, twin
+
+SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    file = tmp_path_factory.mktemp("believed") / "case.toml"
+    file.write_text('effects = ["friction_softening"]\n')
+    return load(file, SHORT)
+
+
+@pytest.fixture(scope="module")
+def made(case, tmp_path_factory):
+    def make(*hidden, seed=1, **given):
+        folder = tmp_path_factory.mktemp("twin") / "campaign"
+        plan = Plan(hidden, seed, **{"conditions": 1, "nuisance": 0.0} | given)
+        return twin(case, plan, folder)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def null(made):
+    return made()
+
+
+def sealed(folder) -> dict:
+    return json.loads((folder / SEALED).read_text())
+
+
+# --- what a twin is -----------------------------------------------------------------------------------
+def test_nothing_hidden_compares_to_one_within_its_statistics(made, null):
+    """Noise of 0.05 K and a fixed pattern, estimated; five standard errors of chi2/dof."""
+    for folder in (null, made(seed=2)):
+        found = compare(campaign.load(folder))
+        for s in found.seeings:
+            assert abs(s.chi2_per_dof - 1) < 5 * np.sqrt(2 / s.pixels), str(found)
+            assert s.white, str(found)
+            assert s.rmse_K < 0.08
+            truth = sealed(folder)["recordings"]["condition1"][s.view.recording.view]
+            assert s.noise.pattern == pytest.approx(truth["pattern_K"], rel=0.1)
+        for p in found.pullings:
+            assert abs(p.chi2_per_dof - 1) < 5 * np.sqrt(2 / len(p.residual))
+
+
+@pytest.mark.parametrize("name", ["pressure_tilt", "emissivity", "interface_resistance"])
+def test_what_is_hidden_is_seen(made, name):
+    found = compare(campaign.load(made(name, views=("sidewall",))))
+    [s] = found.seeings
+    assert s.chi2_per_dof > 1.05
+    assert not s.white
+    assert "sigma" in str(found)
+
+
+def test_the_image_is_found_where_it_is(made):
+    """Pixels that stand 0.15 px off are moved back by as much."""
+    told = campaign.load(made(seed=5, views=("sidewall",)))
+    [view] = told.views
+    r = view.recording
+    off = replace(view, recording=replace(r, u=r.u + 0.15 * r.pitch[0]))
+    shift = [compare(replace(told, views=(v,), forces=())).seeings[0].shift[0] for v in (view, off)]
+    assert shift[1] - shift[0] == pytest.approx(-0.15, abs=0.03)
+
+
+def test_a_shift_beyond_what_is_known_is_refused(made):
+    told = campaign.load(made(seed=5, views=("sidewall",)))
+    [view] = told.views
+    r = view.recording
+    off = replace(view, recording=replace(r, u=r.u + 2.0 * r.pitch[0]))
+    [s] = compare(replace(told, views=(off,), forces=())).seeings
+    assert s.shift == (0.0, 0.0)
+    assert s.shift_refused[0] == pytest.approx(-2.0, abs=0.1)
+    assert "not applied" in words(s)
+
+
+def test_the_truth_is_made_by_another_discretisation(case, null):
+    truth, believed = sealed(null)["numerics"], load(null / "case.toml")
+    for mine, theirs in zip(truth["numerics.cells"], believed["numerics.cells"], strict=True):
+        assert mine >= 1.69 * theirs
+    assert truth["numerics.rtol"] < believed["numerics.rtol"]
+    assert truth["numerics.order"] != believed["numerics.order"]
+    assert truth["numerics.first_x"] < 0.6 * believed["numerics.first_x"]
+
+
+def test_the_truth_is_sealed(made, tmp_path):
+    """Nothing but the sealed file names what is hidden, and comparing does not read it."""
+    folder = tmp_path / "copy"
+    shutil.copytree(made("pressure_tilt", nuisance=1.0), folder)
+    for file in [f for f in folder.rglob("*") if f.is_file() and f != folder / SEALED]:
+        assert b"pressure_tilt" not in file.read_bytes(), file
+    before = str(compare(campaign.load(folder)))
+    shutil.rmtree(folder / "sealed")
+    assert str(compare(campaign.load(folder))) == before
+
+
+def test_an_effect_of_the_case_can_be_hidden(made):
+    folder = made("friction_softening")
+    assert load(folder / "case.toml").effects == ()
+    assert sealed(folder)["hidden"]["friction_softening"]["b"] != 0
+
+
+def test_same_seed_same_campaign_other_seed_another(made, null):
+    def images(folder):
+        return recording(folder / "condition1_sidewall.nc").temperature
+
+    np.testing.assert_array_equal(images(null), images(made()))
+    assert not np.array_equal(images(null), images(made(seed=2)), equal_nan=True)
+
+
+def test_recordings_are_as_a_laboratory_hands_them_over(null):
+    r = recording(null / "condition1_sidewall.nc")
+    assert (r.netd_K, r.emissivity, r.registration_sigma_px) == (0.05, 0.95, 0.2)
+    assert r.fixed_pattern_K is None
+    dead = ~np.isfinite(r.temperature).any(axis=0)
+    assert 0 < dead.sum() < 0.01 * dead.size
+    assert sorted(set(r.repetition)) == [1, 2]
+
+
+def test_a_profile_can_be_the_view(made):
+    found = compare(campaign.load(made(views=("profile",))))
+    assert abs(found.seeings[0].chi2_per_dof - 1) < 0.3
+
+
+# --- commands -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--hide", "friction"], "always acts"),
+        (["--hide", "pressure_tillt"], "did you mean 'pressure_tilt'"),
+        (["--hide", "wear,wear"], "named twice"),
+        (["--hide", "none", "--views", "above"], "sidewall, wake, profile"),
+        (["--hide", "none", "--conditions", "9"], "give 1 to 4"),
+    ],
+)
+def test_bad_input(case, tmp_path, capsys, given, said):
+    file = tmp_path / "case.toml"
+    file.write_text(case.toml())
+    assert main(["twin", str(file), "--seed", "1", "--out", str(tmp_path / "out"), *given]) == 2
+    assert said in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["case.toml"]
+
+
+def test_from_twin_to_report(case, tmp_path, capsys):
+    file = tmp_path / "case.toml"
+    file.write_text(case.toml())
+    out, report = tmp_path / "lab", tmp_path / "report"
+    args = ["--hide", "none", "--seed", "4", "--conditions", "1", "--views", "sidewall", "--out", str(out)]
+    assert main(["twin", str(file), *args]) == 0
+    capsys.readouterr()
+    assert main(["compare", str(out), "--out", str(report), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert (
+        shown["recordings"][0]["rmse_K"] == json.loads((report / "compare.json").read_text())["recordings"][0]["rmse_K"]
+    )
+    assert "<html" in (report / "report.html").read_text()[:200].lower()
+    assert main(["compare", str(out), "--out", str(report)]) == 2
+    assert "exists" in capsys.readouterr().err

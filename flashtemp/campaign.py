@@ -100,7 +100,7 @@ def load(path) -> Campaign:
             raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")
     candidates = raw.get("candidates")
     return Campaign(
-        raw.get("title", file.parent.name), case, tuple(free), tuple(views), tuple(forces), folder,
+        raw.get("title", file.resolve().parent.name), case, tuple(free), tuple(views), tuple(forces), folder,
         None if candidates is None else tuple(candidates),
     )  # fmt: skip
 

@@ -25,8 +25,9 @@ SURE = 4.0  # standard errors of a correlation that white noise does not reach
 class Seeing:
     """One recording against its prediction, (frames, nv, nu) degC and K, NaN where not compared.
 
-    `white` and `pattern` noise K; `sigmas` the residual in sigma; `shift` of the image in px with its
-    `shift_error`, or the one `shift_refused` because the image cannot be that far off; correlation of neighbours along u, v and from frame to frame, and in standard errors.
+    `noise` white and fixed, K; `sigmas` the residual in sigma; `shift` of the image in px with its
+    `shift_error`, or the one `shift_refused` because the image cannot be that far off; `correlation` of
+    neighbours along u, v and from frame to frame, and in standard errors.
     """
 
     view: View
@@ -48,13 +49,23 @@ class Seeing:
         """For compare.json."""
         r = self.view.recording
         return {
-            "file": self.view.file, "view": r.view, "with": self.view.given, "held_out": self.view.held_out,
-            "frames": r.frames, "values": self.pixels, "rmse_K": self.rmse_K, "bias_K": self.bias_K,
-            "chi2_per_dof": self.chi2_per_dof, "noise": asdict(self.noise), "shift_px": list(self.shift),
-            "shift_refused_px": self.shift_refused and list(self.shift_refused), "shift_error_px": list(self.shift_error), "largest": self.largest and asdict(self.largest),
+            "file": self.view.file,
+            "view": r.view,
+            "with": self.view.given,
+            "held_out": self.view.held_out,
+            "frames": r.frames,
+            "values": self.pixels,
+            "rmse_K": self.rmse_K,
+            "bias_K": self.bias_K,
+            "chi2_per_dof": self.chi2_per_dof,
+            "noise": asdict(self.noise),
+            "shift_px": list(self.shift),
+            "shift_error_px": list(self.shift_error),
+            "shift_refused_px": self.shift_refused and list(self.shift_refused),
+            "largest": self.largest and asdict(self.largest),
             "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
             "white": self.white,
-        }  # fmt: skip
+        }
 
     @property
     def white(self) -> bool:

@@ -98,7 +98,8 @@ def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> 
         if residual.shape[axis] >= size:
             values = uniform_filter1d(values, size, axis=axis, mode="constant") * size
             weight = uniform_filter1d(weight, size, axis=axis, mode="constant") * size
-    if not (weight > 0.5).any():
+    weight[~known] = 0.0
+    if not known.any():
         return None
     mean = np.where(weight > 0.5, values / np.maximum(weight, 1.0), 0.0)
     error = np.sqrt((noise.white**2 + noise.pattern**2) / np.maximum(weight, 1.0))

@@ -108,13 +108,13 @@ def test_no_circles():
 
 @named()
 def test_drawing_stays_at_the_edge(module):
-    """pyvista and matplotlib only in export and viz; viz only inside functions of job, commands and __main__."""
+    """pyvista and matplotlib only in export and viz; viz only inside functions of job, report, commands and __main__."""
     tops = {m.split(".")[0] for m in imports(MODULES[module])}
     if layer(module) not in ("export", "viz"):
         assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"})
     if layer(module) != "viz":
         assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False))
-        if layer(module) not in ("job", "commands", "__main__"):
+        if layer(module) not in ("job", "report", "commands", "__main__"):
             assert not any(layer(m) == "viz" for m in own(MODULES[module]))
 
 

@@ -172,3 +172,38 @@ def test_from_twin_to_report(case, tmp_path, capsys):
     assert "<html" in (report / "report.html").read_text()[:200].lower()
     assert main(["compare", str(out), "--out", str(report)]) == 2
     assert "exists" in capsys.readouterr().err
+
+
+def test_from_a_folder_of_images_to_the_comparison(case, made, tmp_path, capsys):
+    """What a user does: text matrices with decimal commas, a table of times, one import, one campaign file."""
+    source = made(seed=6, views=("sidewall",))
+    r = recording(source / "condition1_sidewall.nc")
+    (tmp_path / "side").mkdir()
+    rows = ["file,time,repetition"]
+    for k, (t, n) in enumerate(zip(r.time, r.repetition, strict=True)):
+        lines = [
+            ";".join("--" if np.isnan(v) else f"{v:.3f}".replace(".", ",") for v in row)
+            for row in r.temperature[k][::-1]
+        ]
+        (tmp_path / "side" / f"{k:03d}.csv").write_text("\n".join(lines) + "\n")
+        rows.append(f"{k:03d}.csv,{float(t)!r},{n}")
+    (tmp_path / "times.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "case.toml").write_text((source / "case.toml").read_text())
+    given = [
+        "--view", "sidewall", "--downstream", "right", "--pixel", str(-r.u[0] / r.pitch[0]),
+        str(len(r.v) - 1 + r.v[0] / r.pitch[1]), "--mm-per-pixel", "0.25", "--times", str(tmp_path / "times.csv"),
+        "--was.emissivity", "0.95", "--was.reflected", "20", "--psf-sigma", "0.7", "--registration-sigma", "0.2",
+    ]  # fmt: skip
+    files = sorted(str(f) for f in (tmp_path / "side").iterdir())
+    assert main(["import", *files, "--out", str(tmp_path / "side.nc"), *given]) == 0
+    assert (tmp_path / "side.png").is_file()
+    back = recording(tmp_path / "side.nc")
+    np.testing.assert_allclose(back.u, r.u, atol=1e-12)
+    np.testing.assert_allclose(back.temperature, r.temperature, atol=6e-4)  # three decimals of the text
+    conditions = '{ "contact.pressure" = 1.5e5, "schedule.speed" = 0.1 }'
+    text = f'case = "case.toml"\n[[recording]]\nfile = "side.nc"\nwith = {conditions}\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    [s] = compare(campaign.load(tmp_path)).seeings
+    assert s.noise.estimated == ("white", "pattern")
+    assert s.chi2_per_dof == pytest.approx(1.0, abs=0.05)
+    assert s.white

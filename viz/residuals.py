@@ -9,6 +9,13 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 
+MEASURED, COMPUTED = "#2B2B2B", "#0072B2"
+BAND, BEYOND = "#C3D8E8", "#C8420B"
+SURE = 2.0  # standard errors: half the width of the bands
+VIEWS = {"sidewall": "side wall", "wake": "wake on the road", "profile": "profile along the block"}
+
+
+# --- words ------------------------------------------------------------------------------------------
 def condition(given: dict) -> str:
     """The overrides of an entry for people, with units.
 
@@ -33,6 +40,21 @@ def _quantity(key: str, value) -> str:
     return f"{words} {theme.number(value)} {unit}".rstrip()
 
 
+def plain(text: str) -> str:
+    """Text in which matplotlib sees no mathematics."""
+    return str(text).replace("$", r"\$")
+
+
+def figure(entry, width: float, height: float, layout: str = "constrained") -> Figure:
+    """An empty figure (inches) that names a recording or a trace and its condition."""
+    fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
+    what = VIEWS[entry.recording.view] if hasattr(entry, "recording") else "friction"
+    lines = textwrap.wrap(f"{entry.file}: {what}, {condition(entry.given)}", round(11 * width), max_lines=2)
+    fig.suptitle(plain("\n".join(lines)), x=0.01, ha="left")
+    return fig
+
+
+# --- numbers ----------------------------------------------------------------------------------------
 def sliding(time: np.ndarray, run) -> np.ndarray:
     """Whether the block slides at times (s) of frames: up to and with the end of each repetition."""
     at = np.searchsorted(run.time, time - 1e-9 * max(run.time[-1], 1.0))
@@ -45,59 +67,50 @@ def mean(residual: np.ndarray, noise, kept: int | None) -> tuple[np.ndarray, np.
     The error is that of noise alone: white noise averages over all values, the pattern only over pixels.
     """
     good, others = np.isfinite(residual), tuple(a for a in range(3) if a != kept)
-    count = np.maximum(good.sum(axis=others), 1)
-    repeats = good.sum(axis=0, keepdims=True) ** 2 if kept != 0 else good
-    shared = repeats.sum(axis=others)
+    total = good.sum(axis=others)
+    count = np.maximum(total, 1)
+    # n frames of one pixel share its pattern: n^2 of its variance in the sum
+    shared = total if kept == 0 else (good.sum(axis=0, keepdims=True) ** 2).sum(axis=others)
     error = np.sqrt(noise.white**2 / count + noise.pattern**2 * shared / count**2)
-    known = good.any(axis=others)
-    return np.where(known, np.nansum(residual, axis=others) / count, np.nan), np.where(known, error, np.nan)
+    return (
+        np.where(total > 0, np.nansum(residual, axis=others) / count, np.nan),
+        np.where(total > 0, error, np.nan),
+    )
 
 
-def _beyond(values, error) -> str:
-    """How many means lie beyond the band, against the share that noise alone would put there."""
-    good = np.isfinite(values)
-    out = int((np.abs(values[good]) > SURE * error[good]).sum())
-    return f"{out} of {int(good.sum())} beyond noise"
+def edges(centres: np.ndarray) -> np.ndarray:
+    """Edges (n + 1,) in mm of even pixels with centres (n,) in m; a single one is 1 mm wide."""
+    step = 1e3 * (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
+    return 1e3 * centres[0] + step * (np.arange(len(centres) + 1) - 0.5)
 
 
-def _against(ax, x, values, half) -> None:
-    """Differences at x as dots, red beyond the band of half width `half` around nothing."""
+# --- differences with the band of noise -------------------------------------------------------------
+def against(ax, x, values, half, room: float = 0.5) -> None:
+    """Differences at x as dots, red beyond the band of half width `half` around zero.
+
+    The band ends `room` steps before the first and after the last x.
+    """
     good = np.isfinite(values)
     out = good & (np.abs(values) > half)
-    if len(x) > 1:
-        low, high = x[0] - 0.5 * (x[1] - x[0]), x[-1] + 0.5 * (x[-1] - x[-2])
-        ax.fill_between([low, *x, high], *_padded(half), color=BAND, lw=0, zorder=1)
-        ax.set_xlim(low, high)
-    else:
-        ax.fill_between([x[0] - 0.5, x[0] + 0.5], [-half[0]] * 2, [half[0]] * 2, color=BAND, lw=0, zorder=1)
-    ax.axhline(0.0, color=theme.AMBIENT, lw=0.6, zorder=1.5)
+    first, last = (x[1] - x[0], x[-1] - x[-2]) if len(x) > 1 else (1.0, 1.0)
+    x_band = np.array([x[0] - room * first, *x, x[-1] + room * last])
+    wide = np.concatenate([half[:1], half, half[-1:]])
+    ax.fill_between(x_band, -wide, wide, color=BAND, lw=0, zorder=1)
+    ax.axhline(0.0, color=theme.AMBIENT, lw=0.5, zorder=1.5)
     ax.plot(x, values, color=theme.AMBIENT, lw=0.7, zorder=2)
     size = 4.0 if len(x) <= 40 else 2.4
-    ax.plot(x[good & ~out], values[good & ~out], "o", color=theme.AMBIENT, ms=size, mew=0, zorder=3)
-    ax.plot(x[out], values[out], "o", color=BEYOND, ms=size, mew=0, zorder=3)
-    ax.set_ylim(theme.span(values[good], half[np.isfinite(half)], -half[np.isfinite(half)], least=1e-6, margin=0.1))
+    for keep, colour in ((good & ~out, theme.AMBIENT), (out, BEYOND)):
+        dots = ax.plot(x[keep], values[keep], "o", color=colour, ms=size, mew=0, zorder=3, clip_on=False)
+        dots[0].set_in_layout(False)  # unclipped and empty it would take the place of the axes
+    known = half[np.isfinite(half)]
+    ax.set(xlim=(x_band[0], x_band[-1]), ylim=theme.span(values[good], known, -known, least=1e-6, margin=0.08))
 
 
-def _padded(half) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper edge of a band, its ends repeated; nothing where nothing is known."""
-    full = np.concatenate([half[:1], half, half[-1:]])
-    return -full, full
+def beyond(values, error) -> str:
+    """How many means lie beyond the band.
 
-
-def _figure(entry, width: float, height: float, layout: str = "constrained") -> Figure:
-    """An empty figure (inches) that names a recording or a trace and its condition."""
-    fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
-    what = VIEWS[entry.recording.view] if hasattr(entry, "recording") else "friction"
-    fig.suptitle(_short(f"{entry.file}: {what}, {condition(entry.given)}"), x=0.01, ha="left")
-    return fig
-
-
-def _short(text: str, most: int = 120) -> str:
-    """A title that fits, with nothing in it that matplotlib would take for mathematics."""
-    return textwrap.shorten(str(text), most, placeholder=" ...").replace("$", r"\$")
-
-
-def _edges(centres: np.ndarray) -> np.ndarray:
-    """Edges (n + 1,) in mm of pixels with centres (n,) in m; a single one is 1 mm wide."""
-    step = 1e3 * (centres[1] - centres[0]) if len(centres) > 1 else 1.0
-    return 1e3 * centres[0] + step * (np.arange(len(centres) + 1) - 0.5)
+    >>> beyond(np.array([0.1, 3.0, np.nan]), np.ones(3))
+    '1 of 2 beyond noise'
+    """
+    good = np.isfinite(values)
+    return f"{int((np.abs(values[good]) > SURE * error[good]).sum())} of {int(good.sum())} beyond noise"

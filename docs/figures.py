@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from flashtemp import campaign
 from flashtemp.case import build, load, settings
+from flashtemp.compare import compare
 from flashtemp.march import march
-from flashtemp.viz import field, film, maps, profile, theme, worn
+from flashtemp.twin import Plan, twin
+from flashtemp.viz import comparison, field, film, maps, profile, theme, worn
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "pictures"
@@ -86,8 +90,18 @@ def exponents(run_of):
     return fig
 
 
+def hidden_tilt():
+    """One recording of a synthetic campaign with a hidden tilt, against a model without it."""
+    case = load(ROOT / "cases" / "uniform_pressure", {"schedule.repetitions": 2, "schedule.wait": 5.0})
+    with TemporaryDirectory() as folder:
+        plan = Plan(("pressure_tilt",), seed=3, conditions=1, views=("sidewall",))
+        result = compare(campaign.load(twin(case, plan, Path(folder) / "lab")))
+    return comparison.images(result.seeings[0], result.runs[0])
+
+
 def main() -> None:
     OUT.mkdir(exist_ok=True)
+    hidden_tilt().savefig(OUT / "compare.png", dpi=110)
     heavy = {"contact__pressure": 2.5e5}
     laws = {
         name: simulate("run_in", **heavy, contact__spot_exponent=n, wear__rate=rate)

@@ -128,7 +128,7 @@ def _norms(seeing, shown: list[int]) -> list:
     (_, measured), (_, computed), (_, off), _ = _stacks(seeing, shown)
     if not np.isfinite(off).any():
         off, measured, computed = np.zeros(1), np.zeros(1), np.zeros(1)
-    usual = np.nanpercentile(measured, (0.1, 99.9))  # a single wild pixel would take all colours
+    usual = np.nanpercentile(measured, (0.5, 99.5))  # a single wild pixel would take all colours
     heat = theme.temperature_norm(usual, computed)
     most = max(3.0 * seeing.noise.white, np.nanpercentile(np.abs(off), 99.5))
     if seeing.largest is not None:
@@ -141,17 +141,21 @@ def _bars(fig, axes) -> None:
     """One colour bar below the columns that it belongs to."""
     pad = 0.16 / fig.get_figheight()
     spans = [
-        (axes[:, :2], f"temperature ({theme.DEGREE})", 40, "neither"),
-        (axes[:, 2], "difference (K)", 20, "both"),
-        (axes[:, 3], f"sigma, colours end at ±{CLIP:g} (–)", 20, "both"),
+        (axes[:, :2], f"temperature ({theme.DEGREE})", 40),
+        (axes[:, 2], "difference (K)", 20),
+        (axes[:, 3], f"sigma, colours end at ±{CLIP:g} (–)", 20),
     ]
-    for columns, label, aspect, extend in spans:
-        image = columns.ravel()[0].images[0]
+    for columns, label, aspect in spans:
+        shown = [ax.images[0] for ax in columns.ravel()]
+        norm = shown[0].norm
+        below = any((i.get_array() < norm.vmin).any() for i in shown)
+        above = any((i.get_array() > norm.vmax).any() for i in shown)
+        extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
         bar = fig.colorbar(
-            image, ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad, fraction=0.05
+            shown[0], ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad, fraction=0.05
         )
         bar.outline.set_linewidth(0.4)
-        bar.set_ticks(np.linspace(-1.0, 1.0, 5) * image.norm.vmax if extend == "both" else MaxNLocator(9))
+        bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
 
 
 def _mark(axes, seeing) -> None:

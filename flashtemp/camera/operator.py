@@ -177,10 +177,10 @@ def _between(at: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarra
 
 
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Pixels (nv, nu) at least RIM pixels away from the edges of the body."""
-    masks = []
+    """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to."""
+    masks, least = [], RIM + max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
     for centres, pitch, nodes in zip((recording.u, recording.v), recording.pitch, (along, up), strict=True):
-        rim = 0.5 * pitch if recording.view == "profile" else RIM * pitch
+        rim = 0.5 * pitch if recording.view == "profile" else least * pitch
         free = len(nodes) == 1 or not np.isfinite(pitch)
         masks.append(
             np.full(len(centres), True) if free else (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim)

@@ -43,7 +43,7 @@ dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
 READING = (
     ("Computed", "What the camera would have reported if the model were right: the simulated temperatures seen through"
-     " the camera's own pixels, blur, exposure and emissivity. The model was not fitted to these data. The one"
+     " the camera's own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one"
      " exception is a small shift of the whole image, one per recording, where the file says how well the image's"
      " place is known; a shift beyond that is refused."),
     ("Difference", "Measured minus computed. Red (positive): measured hotter than computed. Blue: colder. RMSE is its"

@@ -53,7 +53,7 @@ def test_V17_relaxation_and_mean_depth(lab, speed):
         exactly = exact.abrasion_relaxation(K_N, 6e-11, run.slid[end])
         assert exactly == pytest.approx(factor, rel=1e-6)
         error = np.abs(p[end] - exactly * start).max() / np.abs(start).max()
-        lab.check(f"V17 relaxation after {run.slid[end]:g} m at {speed:g} m/s, of the first deviation", error, 2.5e-8)
+        lab.check(f"V17 relaxation after {run.slid[end]:g} m at {speed:g} m/s, of the first deviation", error, 5e-8)
     deep = 1e6 * mean(run, run.worn[-1])
     lab.check("V17 mean worn depth, um of 525", abs(deep - 525.0), 1e-8)
 

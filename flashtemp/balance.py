@@ -58,7 +58,7 @@ class Balance:
         self.foundation = Foundation(mesh.x_block, mesh.dx_block, scene.length, scene.stiffness)
         # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
         self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
-        self.abrades = self.laws.has("block.abrasion") or self.laws.has("holder.compliance")
+        self.abrades = self.laws.has("block.abrasion")
 
     def _reference_fraction(self) -> float:
         """Contact fraction at the highest mean pressure: the constant weight of lanes in the audit.

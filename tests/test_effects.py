@@ -213,6 +213,25 @@ def test_jacobian_is_exact(case, name, lifted):
                 np.testing.assert_allclose(J[part], ((up - down) / 2e-3)[part], rtol=1e-6, atol=noise)
 
 
+@pytest.mark.parametrize(
+    "names", [("friction_softening", "friction_moment", "wear"), ("spot_saturation", "wear", "edge_pressure")]
+)
+def test_jacobian_is_exact_where_effects_meet(case, names):
+    """Friction tilts the holder and answers to the heat of the tilt; spots answer to the pressure that wear leaves."""
+    scene = build(case(*names, values=RICH))
+    balance, rng = Balance(scene), np.random.default_rng(3)
+    stage = Stage(balance, scene.schedule.phases[0])
+    y = balance.initial()
+    y[: balance.n] = smooth(scene.mesh, rng)
+    y[balance.worn] = 3 * np.cos(3 * scene.mesh.x_block / 0.025)
+    v = direction(balance, smooth(scene.mesh, rng) - 8, rng)
+    J, up, down = product(balance, stage, 1.0, y, v), np.zeros(balance.size), np.zeros(balance.size)
+    stage.rate(1.0, y + 1e-3 * v, up)
+    stage.rate(1.0, y - 1e-3 * v, down)
+    for part in parts(balance):
+        np.testing.assert_allclose(J[part], ((up - down) / 2e-3)[part], rtol=1e-6, atol=1e-8 * np.abs(J[part]).max())
+
+
 @pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])
 @pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
 def test_linearisation_used_by_the_solver(case, name, lifted):
@@ -228,10 +247,9 @@ def test_linearisation_used_by_the_solver(case, name, lifted):
             assert np.linalg.norm((out - J)[part]) <= (0.03 if bent else 1e-10) * np.linalg.norm(J[part])
 
 
-@pytest.mark.parametrize("name", ["wear", "friction_moment"])
-def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(case, name):
+def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(case):
     fixed = {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0}
-    for balance, stage, t, y, rng in stages(case, name, True, **fixed):
+    for balance, stage, t, y, rng in stages(case, "wear", True, **fixed):
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
         J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
         stage.setup(t, y, 1e-2)

@@ -308,3 +308,10 @@ def test_V23_retained_and_the_function_of_the_lanes_effect():
     assert exact.lane_factor(DS, 3e-3, 1e-4) == pytest.approx(short, abs=1e-5)
     for t in (1e-4, 0.025, 0.25, 2.0):
         assert lanes.mean_factor(t, 0.0, 3e-3, DS, 1e-6) == pytest.approx(exact.lane_factor(DS, 3e-3, t), rel=1e-6)
+
+
+def test_lane_factor_moves_evenly_between_contact_fractions():
+    """Linear between tabulated fractions, so that a fraction that moves does not jump."""
+    low, high, between = (float(lanes.mean_factor(5.0, 1.0, 3e-3, DS, f)) for f in (0.20, 0.21, 0.2025))
+    assert low != high
+    assert between == pytest.approx(0.75 * low + 0.25 * high, rel=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace as N
 
 import numpy as np
 import pytest
@@ -10,8 +11,11 @@ import pytest
 from flashtemp import exact
 from flashtemp.balance import Balance
 from flashtemp.case import build, load, settings
+from flashtemp.effect import Term, find
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.march import march
+from flashtemp.meshes import block_on_road
+from flashtemp.stage import Stage
 
 CASES = Path(__file__).parents[1] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
@@ -131,6 +135,56 @@ def test_worn_volume_with_a_rate_that_depends_on_temperature(lab):
     assert run.worn[-1][0] > 1.5 * 1e-9 * 1.5e5 * 3.5  # more than the mean pressure alone would wear
 
 
+@pytest.mark.parametrize(("energy", "mu"), [(0.0, 1.0), (0.25, 0.625), (1.0, -0.5)])
+def test_wear_by_pressure_by_energy_and_between(energy, mu):
+    """k p (1 - e + e mu exp(b dT)): -0.5 stands for mu itself, 0.5."""
+    rate, _ = find("wear")().heat(N(ambient=290.0), None)
+    p = N(rate=1e-10, energy=energy, temperature=0.01)
+    now = N(
+        local_pressure=2e5, friction=0.5 if mu < 0 else (mu - 1 + energy) / energy if energy else 9.0, ambient=300.0
+    )
+    assert rate.law(290.0, now, p) == pytest.approx(1e-10 * 2e5 * abs(mu))
+    assert rate.law(300.0, now, p) == pytest.approx(1e-10 * 2e5 * abs(mu) * np.exp(0.1))
+
+
+def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
+    """A warm block on a cold road: only what is pressed gives its heat away."""
+    mesh = block_on_road.build(L, 7e-3, 5e-3, cells=(20, 10, 10))
+    scene = lab.scene(mesh, lab.MU, Term("contact.pressure", lambda T, now, p: 2.0 - 4.0 * now.x / L), phi=0.2)
+    stage = Stage(Balance(scene), scene.schedule.phases[0])
+    rise = np.zeros(stage.b.n)
+    rise[mesh.block] = 30.0
+    met = stage.footprint.meet(stage.moment(0.5), np.zeros(20), rise, np.zeros(mesh.n_road), stage.b.ones)
+    lifted = met.press.pressure == 0
+    assert 3 < lifted.sum() < 17
+    into_road = np.abs(met.flux.into_road)
+    assert into_road[lifted].max() < 1e-4 * into_road[~lifted].min()
+
+
+def test_friction_may_depend_on_the_local_pressure(lab):
+    """Derivatives of heat with wear, by complex step and by differences, for mu(T, p)."""
+    mesh = block_on_road.build(L, 7e-3, 5e-3, cells=(12, 8, 8))
+    law = Term("friction.mu", lambda T, now, p: np.exp(-0.006 * (T - 293.15)) * (now.local_pressure / 1e5) ** -0.2)
+    worn = Term("block.abrasion", lambda T, now, p: 1e-10 * now.local_pressure * now.friction)
+    scene = lab.scene(mesh, law, worn, Term("contact.pressure", lambda T, now, p: 0.5 - now.x / L), phi=0.2)
+    stage = Stage(Balance(scene), scene.schedule.phases[0])
+    b, rng = stage.b, np.random.default_rng(0)
+    y, v = np.zeros(b.size), np.zeros(b.size)
+    y[: b.n], v[b.worn] = 10.0, rng.normal(size=12)
+    out, up, down = np.zeros(b.size, dtype=complex), np.zeros(b.size), np.zeros(b.size)
+    stage.rate(0.5, y + 1e-30j * v, out)
+    stage.rate(0.5, y + 1e-4 * v, up)
+    stage.rate(0.5, y - 1e-4 * v, down)
+    slope = (up - down) / 2e-4
+    for part in (slice(0, b.n), b.worn):
+        np.testing.assert_allclose(out.imag[part] / 1e-30, slope[part], atol=1e-6 * np.abs(slope[part]).max())
+
+
+def test_a_lifted_block_presses_nowhere(lab):
+    run = lab.case(effects=["wear"], schedule__repetitions=2, schedule__wait=1.0, schedule__distance=0.1, **SHORT)
+    assert not run.pressure[~run.sliding].any()
+
+
 def test_nothing_wears_while_the_block_rests(lab, eventful):
     run = eventful
     wait = np.flatnonzero(~run.sliding)
@@ -173,6 +227,7 @@ def test_start_profile_is_read_as_cell_means_and_can_be_turned(lab):
     forward, turned = lab.case(**made), lab.case(**made, wear__turned=True)
     np.testing.assert_allclose(forward.worn[0], 1e-3 * (1 - forward.x / L), rtol=1e-9)
     np.testing.assert_allclose(turned.worn[0], 1e-3 * turned.x / L, rtol=1e-9)
+    assert 0 < forward.worn_volume < 1e-3 * 0.5e-3 * L * W  # what was worn before does not count
 
 
 def test_uniform_pressure_stays_uniform(lab):
@@ -188,6 +243,12 @@ def test_a_holder_too_soft_for_its_moment_is_explained(lab):
 def test_a_block_worn_through_is_a_failure_and_says_when(lab):
     with pytest.raises(SolverFailure, match="worn through.* t = "):
         lab.case(effects=["wear"], wear__rate=1e-7, **SHORT)
+
+
+def test_the_edge_may_be_worn_through_while_the_rest_is_not(lab):
+    profile = [[0.0, 6.9e-3], [L, 0.0]]
+    with pytest.raises(SolverFailure, match="worn through"):
+        lab.case(effects=["wear"], wear__profile=profile, wear__rate=1e-8, **SHORT)
 
 
 def test_a_start_profile_deeper_than_the_block_is_bad_input(lab):

@@ -147,11 +147,11 @@ def test_a_camera_that_is_told_the_truth_reports_it(slid):
 # --- instrument effects -----------------------------------------------------------------------------
 OFF = {
     "emissivity": {"change": 0.0}, "reflection": {"excess": 0.0}, "blur": {"sigma": 0.0}, "time_lag": {"lag": 0.0},
-    "registration": {"du": 0.0, "dv": 0.0},
+    "registration": {"du": 0.0, "dv": 0.0}, "camera_offset": {"offset": 0.0, "drift": 0.0},
 }  # fmt: skip
 ON = {
     "emissivity": {"change": -0.05}, "reflection": {"excess": 20.0}, "blur": {"sigma": 1.0}, "time_lag": {"lag": 0.5},
-    "registration": {"du": 0.3, "dv": -0.2},
+    "registration": {"du": 0.3, "dv": -0.2}, "camera_offset": {"offset": 0.1, "drift": 0.0},
 }  # fmt: skip
 
 

@@ -98,8 +98,8 @@ class Instrument:
         self.recording, self.laws = recording, [(part, a.p) for a in acting for part in a.effect.see(a.p)]
 
     def __call__(self, quantity: str, base):
-        """A quantity of the camera: `base` plus all that acts on it."""
-        now = SimpleNamespace(recording=self.recording)
+        """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
+        now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
         return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
 
     def times(self) -> np.ndarray:
@@ -131,7 +131,8 @@ def observe(
     outside = LONG_WAVE.counts(background)
     S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
     told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
-    return Seen(LONG_WAVE.temperature(told), _inside(recording, along, up))
+    offset = np.broadcast_to(camera("offset", 0.0), len(times))
+    return Seen(LONG_WAVE.temperature(told) + offset[:, None, None], _inside(recording, along, up))
 
 
 def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:

@@ -12,6 +12,7 @@ from flashtemp import case as cases
 from flashtemp.camera.align import align
 from flashtemp.camera.operator import Instrument
 from flashtemp.campaign import Campaign, Force, View
+from flashtemp.errors import BadInput
 from flashtemp.march import march
 from flashtemp.residual import Noise, Place, lag_one, noise, structured, whiten
 from flashtemp.run import Run
@@ -183,10 +184,36 @@ def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene,
     if behind > case["road.downstream"]:
         case = campaign.load(given | {"road.downstream": float(behind)})
     scene = cases.build(case)
+    for view in views:
+        _check(view, scene)
     acting = scene.acting
     times = {float(t) for v in views for t in Instrument(v.recording, acting).times() if 0.0 <= t <= scene.schedule.end}
     settings = replace(cases.settings(case), times=tuple(sorted(times)), fields=2)
     return scene, march(scene, settings, case.title)
+
+
+def _check(view: View, scene: Scene) -> None:
+    """BadInput unless the frames of a recording belong to the schedule of its condition."""
+    schedule, time = scene.schedule, view.recording.time
+    late = np.flatnonzero(time > schedule.end * (1 + 1e-9) + 1e-6)
+    if len(late):
+        raise BadInput(
+            f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
+            f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
+        )
+    ends = np.array(
+        [max(p.end for p in schedule.phases if p.repetition == r) for r in range(1, schedule.repetitions + 1)]
+    )
+    for t, told in zip(time, view.recording.repetition, strict=True):
+        first = int(np.searchsorted(ends, t - 1e-6)) + 1
+        if told not in (
+            min(first, schedule.repetitions),
+            min(int(np.searchsorted(ends, t + 1e-6)) + 1, schedule.repetitions),
+        ):
+            raise BadInput(
+                f"{view.file}: repetition: {told} at {t:g} s, where the schedule of its condition is in repetition "
+                f"{first}; mend schedule.* in with, or the recording"
+            )
 
 
 def see(run: Run, scene: Scene, view: View) -> Seeing:

@@ -14,6 +14,7 @@ from flashtemp.__main__ import main
 from flashtemp.camera.recording import load as recording
 from flashtemp.case import load
 from flashtemp.compare import compare, words
+from flashtemp.errors import BadInput
 from flashtemp.twin import SEALED, Plan, twin
 
 SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
@@ -131,6 +132,17 @@ def test_recordings_are_as_a_laboratory_hands_them_over(null):
     dead = ~np.isfinite(r.temperature).any(axis=0)
     assert 0 < dead.sum() < 0.01 * dead.size
     assert sorted(set(r.repetition)) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [({"time": 1e3}, "ends at"), ({"repetition": 1}, "where the schedule of its condition is in")]
+)
+def test_frames_of_another_schedule_are_refused(null, change, said):
+    told = campaign.load(null)
+    r = told.views[0].recording
+    moved = replace(r, **{k: getattr(r, k) + v for k, v in change.items()})
+    with pytest.raises(BadInput, match=f"condition1_sidewall.nc: .*{said}"):
+        compare(replace(told, views=(replace(told.views[0], recording=moved),)))
 
 
 def test_a_profile_can_be_the_view(made):

@@ -10,6 +10,7 @@ from typing import Any
 from flashtemp import case as cases
 from flashtemp.camera import recording
 from flashtemp.camera.recording import Recording
+from flashtemp.effect import catalogue
 from flashtemp.errors import BadInput, nearest
 from flashtemp.keys import Places
 from flashtemp.tables import pairs
@@ -88,6 +89,16 @@ def load(path) -> Campaign:
     forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, case, folder, faults))]
     if not faults and not views and not forces:
         faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
+    for key in ("free", "candidates"):
+        value = raw.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            faults.append(f"{where(key)}: {value!r}; give a list of names in quotes")
+        elif key == "candidates":
+            faults += [
+                f"{where(key)}: effect '{n}' is not in the catalogue{nearest(n, catalogue())}"
+                for n in value
+                if n not in catalogue()
+            ]
     if not isinstance(raw.get("title", ""), str):
         faults.append(f"{where('title')}: {raw['title']!r}; give text in quotes")
     if faults:
@@ -95,7 +106,7 @@ def load(path) -> Campaign:
     believed = cases.load(case)
     free = raw.get("free", list(believed.free))
     known = [f"{t}.{k}" for t, d in believed.values.items() for k, v in d.items() if isinstance(v, (int, float))]
-    for key in free if isinstance(free, list) else [free]:
+    for key in free:
         if key not in known:
             raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")
     candidates = raw.get("candidates")
@@ -147,7 +158,7 @@ def _common(entry, kind: str, number: int, where, case, folder, faults) -> dict 
             faults.extend(f"{place}: {line}" for line in fault.lines)
     name = "sigma_K" if kind == "recording" else "sigma"
     sigma = entry.get(name)
-    if sigma is not None and (isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not sigma > 0):
+    if sigma is not None and (isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3):
         faults.append(f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated")
     return None if len(faults) > good else {"file": file, "given": given, "held_out": held}
 

@@ -300,4 +300,5 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
         upstream=v.road.upstream,
         downstream=v.road.downstream,
         refine=refine,
+        behind=v.numerics.behind,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp import case as cases
 from flashtemp.camera.align import align
-from flashtemp.camera.operator import Instrument
+from flashtemp.camera.operator import WAKE, Instrument, Seen, observe
 from flashtemp.campaign import Campaign, Force, View
 from flashtemp.errors import BadInput
 from flashtemp.march import march
@@ -26,7 +26,7 @@ SURE = 4.0  # standard errors of a correlation that white noise does not reach
 class Seeing:
     """One recording against its prediction, (frames, nv, nu) degC and K, NaN where not compared.
 
-    `noise` white and fixed, K; `sigmas` the residual in sigma; `shift` of the image in px with its
+    `noise` white and fixed, K; `sigmas` the whitened residual, for the tests; `shift` of the image in px with its
     `shift_error`, or the one `shift_refused` because the image cannot be that far off; `correlation` of
     neighbours along u, v and from frame to frame, and in standard errors.
     """
@@ -67,6 +67,11 @@ class Seeing:
             "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
             "white": self.white,
         }
+
+    @property
+    def in_sigma(self) -> np.ndarray:
+        """The residual (frames, nv, nu) over the noise of one pixel, its fixed pattern included: for the eye."""
+        return self.residual / np.hypot(self.noise.white, self.noise.pattern)
 
     @property
     def white(self) -> bool:
@@ -181,8 +186,12 @@ def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene,
     case = campaign.load(given)
     seen = [v.recording for v in views if v.recording.view == "wake"]
     behind = max((r.u[-1] + MARGIN * r.pitch[0] for r in seen), default=0.0) - case["block.length"]
-    if behind > case["road.downstream"]:
-        case = campaign.load(given | {"road.downstream": float(behind)})
+    if behind > 10.0:
+        far = max((v for v in views if v.recording.view == "wake"), key=lambda v: v.recording.u[-1])
+        raise BadInput(f"{far.file}: u: {far.recording.u[-1]:g} m is too far behind the block; give u in m, below 10 m")
+    if seen:
+        shown = {"road.downstream": max(float(behind), case["road.downstream"])}
+        case = campaign.load(given | shown | {"numerics.behind": min(WAKE, case["numerics.behind"])})
     scene = cases.build(case)
     for view in views:
         _check(view, scene)
@@ -219,12 +228,23 @@ def _check(view: View, scene: Scene) -> None:
 def see(run: Run, scene: Scene, view: View) -> Seeing:
     """One recording against a run of its condition."""
     recording = view.recording
-    guess = Noise(view.sigma_K or recording.netd_K or 0.05, recording.fixed_pattern_K or 0.0)
+    stated = view.sigma_K if view.sigma_K is not None else recording.netd_K, recording.fixed_pattern_K
+
+    def left(seen: Seen) -> np.ndarray:
+        return np.where(seen.inside, recording.temperature - seen.temperature, np.nan)
+
+    first = left(observe(run, scene, recording, scene.acting))
+    if not np.isfinite(first).any():
+        raise BadInput(
+            f"{view.file}: no pixel of it lies on the block or the road, clear of their edges; check u, v and view, "
+            "or give smaller pixels"
+        )
+    guess = noise(first, *stated)
     found = align(
         run, scene, recording, lambda r: whiten(r, guess), scene.acting, recording.registration_sigma_px or 0.0
     )
-    residual = np.where(found.seen.inside, recording.temperature - found.seen.temperature, np.nan)
-    level = noise(residual, view.sigma_K or recording.netd_K, recording.fixed_pattern_K)
+    residual = left(found.seen)
+    level = noise(residual, *stated)
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
     count = int(good.sum())
@@ -251,7 +271,14 @@ def pull(run: Run, force: Force) -> Pulling:
     """One load-cell trace against a run of its condition; readings while nothing slides are left out."""
     good = np.isfinite(run.friction)
     time, mu = np.array(force.time), np.array(force.mu)
+    if time[-1] > run.time[-1] * (1 + 1e-9) + 1e-6:
+        raise BadInput(
+            f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
+            f"{run.time[-1]:g} s; mend schedule.* in with, or the table"
+        )
     on = np.interp(time, run.time, run.sliding.astype(float)) > 0.99
+    if not on.any():
+        raise BadInput(f"{force.file}: time_s: no reading was taken while the block slides; check the times")
     predicted = np.interp(time, run.time[good], run.friction[good])
     residual = np.where(on, mu - predicted, np.nan)
     kept = residual[np.isfinite(residual)]

@@ -63,6 +63,10 @@ TABLES: dict[str, dict[str, Param]] = {
         "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
         "first_block": Param(None, "m", "first cell of the block at the interface", low=1e-9, high=0.1),
         "first_road": Param(3e-6, "m", "first cell of the road at the interface", low=1e-9, high=0.1),
+        "behind": Param(
+            1.35, "1", "growth of cells behind the block from one to the next; comparisons with a wake need 1.1",
+            low=1.01, high=2.0,
+        ),
         "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
         "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
         "order": Param(3, "1", "highest BDF order; 4 and 5 may need many more steps", low=1, high=5, kinds=("whole",)),

@@ -18,9 +18,11 @@ import numpy as np
 from flashtemp import case as cases
 from flashtemp import cvode
 from flashtemp.camera import synthetic
+from flashtemp.camera.operator import WAKE
 from flashtemp.effect import catalogue, find
 from flashtemp.errors import BadInput
 from flashtemp.folders import whole
+from flashtemp.keys import declared, refinement
 from flashtemp.march import march
 
 NETD = 0.05  # K
@@ -69,6 +71,12 @@ def _check(case: cases.Case, plan: Plan) -> None:
             raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
     if len(set(plan.hidden)) < len(plan.hidden):
         raise BadInput(f"--hide: {', '.join(plan.hidden)}: an effect is named twice; once is enough")
+    if plan.seed < 0:
+        raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
+    if not 0 <= plan.nuisance <= 3:
+        raise BadInput(f"--nuisance: {plan.nuisance:g}; give a scale from 0 to 3")
+    if len(set(plan.views)) < len(plan.views):
+        raise BadInput(f"--views: {','.join(plan.views)}: a view is named twice; once is enough")
     if not 1 <= plan.conditions <= len(CONDITIONS):
         raise BadInput(f"--conditions: {plan.conditions}; give 1 to {len(CONDITIONS)}")
     for view in plan.views:
@@ -95,7 +103,7 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
         given = {k: f * case[k] for k, f in zip(("contact.pressure", "schedule.speed"), factors, strict=True)}
         watch(f"condition {number} of {plan.conditions}: {', '.join(f'{k} = {v:g}' for k, v in given.items())}")
         jitter = 1.0 + plan.nuisance * JITTER * float(rng.normal())
-        own = {k: case[k] * f for k, f in drawn.items()}
+        own = {k: _within(k, case[k] * f) for k, f in drawn.items()}
         own["friction.mu"] *= jitter
         values = {f"{name}.{k}": v for name, p in strengths.items() for k, v in p.items()}
         made = _truth(case, plan, given | own | numerics | values)
@@ -112,6 +120,13 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
     (work / "campaign.toml").write_text(tomli_w.dumps(head | entries), encoding="utf-8")
     (work / SEALED).parent.mkdir()
     (work / SEALED).write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+
+
+def _within(key: str, value: float) -> float:
+    """A drawn value kept within the bounds of its key."""
+    table, name = key.split(".")
+    param = declared(table)[name]
+    return float(np.clip(value, param.low, param.high))
 
 
 def _copy(case: cases.Case, work: Path) -> dict[str, str]:
@@ -141,13 +156,15 @@ def discretisation(case: cases.Case, rng) -> dict[str, Any]:
     """Another mesh, grading, tolerance and order than the case's own: at least 1.7 times as many cells a direction."""
     n = case.values["numerics"]
     other = [b for b in cvode.available() if b != cvode.choose(n["integrator"])]
+    finer = refinement(n["mesh"]) * float(rng.uniform(1.75, 2.0))
     out = {
-        "numerics.cells": [round(float(rng.uniform(1.7, 2.0)) * c) for c in n["cells"]],
+        "numerics.mesh": finer,
+        "numerics.first_block": (n["first_block"] or 4e-6) * float(rng.uniform(0.6, 0.8)),
         "numerics.rtol": n["rtol"] / 10,
         "numerics.order": 2 if n["order"] == 3 else 3,
     }
-    for key in ("first_x", "last_x", "first_road"):
-        out[f"numerics.{key}"] = n[key] * float(rng.uniform(0.35, 0.55))
+    for key in ("first_x", "last_x", "first_road"):  # of the map that is refined: another grading
+        out[f"numerics.{key}"] = n[key] * float(rng.uniform(0.6, 0.8))
     return out | ({"numerics.integrator": other[0]} if other else {})
 
 
@@ -155,7 +172,7 @@ def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
     """The case with its hidden effects, drawn parameters and own discretisation."""
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
-    given = given | {"road.downstream": max(case["road.downstream"], behind + 2e-3)}
+    given = given | {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE}
     raw: dict[str, Any] = {t: dict(v) for t, v in case.values.items()}
     raw = {t: {k: v for k, v in values.items() if v is not None} for t, values in raw.items()}
     own = {t: raw.pop(t) for t in list(raw) if t.startswith("materials.")}

@@ -20,13 +20,14 @@ def build(
     upstream: float = 0.0,
     downstream: float = 0.0,
     refine: float = 1,
+    behind: float = 1.35,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
     `cells` = along the block, up the block, down the road; `first_*` the cell sizes at the leading
     edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
-    shown before and behind the block; `refine` multiplies the cells of every direction on the
-    same map.
+    shown before and behind the block, with cells growing by `behind` from one to the next; `refine`
+    multiplies the cells of every direction on the same map.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -43,7 +44,7 @@ def build(
         x = np.concatenate([before[:-1], x])
     last = len(x) - 1
     if downstream > 0:
-        n = _cells_for(downstream, last_x, 1.35)
+        n = _cells_for(downstream, last_x, behind)
         x = np.concatenate([x, length + geometric(downstream, last_x, n, refine)[1:]])
     return Mesh(
         x=x,

@@ -121,7 +121,7 @@ def test_images_are_those_of_the_comparison_and_masked_where_nothing_is_compared
     shown = [2, 4, 5]  # end of sliding of both repetitions, and the largest difference
     assert list(draw.frames(s, RUN)) == shown
     for k, axes in zip(shown, rows(fig, 3), strict=True):
-        wanted = s.view.recording.temperature[k], s.predicted[k], s.residual[k], s.sigmas[k]
+        wanted = s.view.recording.temperature[k], s.predicted[k], s.residual[k], s.in_sigma[k]
         hidden = np.isnan(s.residual[k])
         assert hidden[DEAD]
         assert hidden[:, 0].all()

@@ -120,7 +120,12 @@ def _stacks(seeing, shown: list[int]) -> list[tuple]:
     heat = theme.temperature_map()
     measured = np.where(apart, seeing.view.recording.temperature[shown], np.nan)
     computed = np.where(apart, seeing.predicted[shown], np.nan)
-    return [(heat, measured), (heat, computed), (KELVIN_MAP, seeing.residual[shown]), (SIGMA_MAP, seeing.sigmas[shown])]
+    return [
+        (heat, measured),
+        (heat, computed),
+        (KELVIN_MAP, seeing.residual[shown]),
+        (SIGMA_MAP, seeing.in_sigma[shown]),
+    ]
 
 
 def _norms(seeing, shown: list[int]) -> list:

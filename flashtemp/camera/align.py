@@ -29,13 +29,15 @@ class Alignment:
 def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0) -> Alignment:
     """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
 
-    `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A profile and any direction with a
-    single row of pixels cannot be shifted.
+    `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A single row of pixels cannot be shifted
+    across, nor can the wake across y: only its rims would tell, and they are left out.
     """
     axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1]
+    if recording.view == "wake":
+        axes = [a for a in axes if a == 0]
     shift = np.zeros(2)
     seen = observe(run, scene, recording, acting)
-    if known <= 0.0:
+    if known <= 0.0 or not axes:
         return Alignment((0.0, 0.0), (0.0, 0.0), seen)
     for _ in range(8):
         left = _column(weigh, recording.temperature - seen.temperature, seen)

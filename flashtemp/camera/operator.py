@@ -18,6 +18,7 @@ from flashtemp.laws import Laws
 from flashtemp.scene import KELVIN, Acting, Scene
 
 TYPICAL = 0.95  # emissivity where a recording does not say
+WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
 RIM = 1.5  # px around the edge of a body that no comparison uses
 
 
@@ -120,14 +121,13 @@ def observe(
     times = np.clip(camera.times(), 0.0, run.time[-1])
     body, along, up = _body(run, scene, recording, times)
     background = scene.ambient - KELVIN
-    if recording.view == "profile":
-        weights = _weights(camera, 0, along, shift)
-        return Seen(body @ weights.T + background * (1.0 - weights.sum(axis=1)), _inside(recording, along, up))
-    given = recording.emissivity or TYPICAL
+    line = recording.view == "profile"
+    given = recording.emissivity or (1.0 if line else TYPICAL)
     reflected = background if recording.reflected_degC is None else recording.reflected_degC
     emissivity = camera("emissivity", given + change)
     mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
-    x, z = (_weights(camera, axis, nodes, shift) for axis, nodes in enumerate((along, up)))
+    x = _weights(camera, 0, along, shift)
+    z = np.ones((1, 1)) if line else _weights(camera, 1, up, shift)
     outside = LONG_WAVE.counts(background)
     S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
     told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
@@ -142,7 +142,7 @@ def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndar
     if not np.isfinite(pitch):
         pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
     centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
-    sigma = 0.0 if recording.view == "profile" else camera("blur", recording.psf_sigma_px or 0.0)
+    sigma = camera("blur", recording.psf_sigma_px or 0.0)
     return pixel_weights(centres, pitch, sigma * pitch, nodes)
 
 

@@ -18,7 +18,7 @@ VIEWS = {
 OPTIONAL = {  # attribute: unit, lowest, highest value
     "emissivity": ("1", 0.05, 1.0),
     "reflected_degC": ("degC", -273.0, 1500.0),
-    "netd_K": ("K", 0.0, 10.0),
+    "netd_K": ("K", 1e-4, 10.0),
     "fixed_pattern_K": ("K", 0.0, 10.0),
     "psf_sigma_px": ("px", 0.0, 50.0),
     "exposure_s": ("s", 0.0, 10.0),
@@ -80,6 +80,8 @@ class Recording:
             return "time: frames must be in order of time, in s from the first start of sliding"
         if self.repetition.shape != (frames,) or np.any(self.repetition < 1):
             return "repetition: one number for every frame, counted from 1"
+        if np.any(self.temperature < -273.15):
+            return f"temperature: {np.nanmin(self.temperature):g} degC is below absolute zero; give degC"
         if not np.any(np.isfinite(self.temperature)):
             return "temperature: no pixel holds a number; choose other frames or another file"
         for name, (unit, low, high) in OPTIONAL.items():

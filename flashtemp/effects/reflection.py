@@ -15,7 +15,7 @@ class Reflection(Effect):
     """Radiance (1 - eps) S(T_reflected) of another temperature than the image was made with."""
 
     cause = "something warmer or colder than assumed is mirrored in the wall"
-    source = "10 K at emissivity 0.95 are -0.5 K at 40 degC"
+    source = "10 K at emissivity 0.95 show 0.5 K too much at 40 degC"
     tells = ("one offset of the whole image, smaller where it is hot",)
 
     excess = Param(10.0, "K", "reflected temperature over the one of the recording", low=-200.0, high=500.0, off=0.0)

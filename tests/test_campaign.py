@@ -68,6 +68,9 @@ def test_a_campaign_is_read(folder):
         (HEAD + '[[force]]\nfile = "a.nc"\n', "not a text file"),
         (HEAD + 'free = ["friction.nu"]\n' + VIEW, "did you mean 'friction.mu'"),
         (HEAD + "recording = 3\n", "write [[recording]]"),
+        (HEAD + "candidates = 3\n" + VIEW, "give a list of names in quotes"),
+        (HEAD + 'free = "friction.mu"\n' + VIEW, "give a list of names in quotes"),
+        (HEAD + 'candidates = ["weer"]\n' + VIEW, "did you mean 'wear'"),
         ("case = \n", "not valid TOML"),
     ],
 )
@@ -117,6 +120,16 @@ def test_a_recording_comes_back_as_it_was(tmp_path):
 def test_what_is_no_recording_is_refused(told, said):
     with pytest.raises(BadInput, match=said.replace("(", r"\(").replace(")", r"\)")):
         small(**told)
+
+
+def test_a_recording_imported_again_keeps_what_it_knows(folder):
+    small(emissivity=0.95, reflected_degC=20.0, psf_sigma_px=0.7, registration_sigma_px=0.2, netd_K=0.05).save(
+        folder / "a.nc"
+    )
+    assert main(["import", str(folder / "a.nc"), "--out", str(folder / "b.nc")]) == 0
+    first, second = load(folder / "a.nc"), load(folder / "b.nc")
+    for name in ("emissivity", "reflected_degC", "psf_sigma_px", "registration_sigma_px", "netd_K"):
+        assert getattr(first, name) == pytest.approx(getattr(second, name)), name
 
 
 def test_a_damaged_recording_is_bad_input(folder):

@@ -221,6 +221,15 @@ def test_a_profile_is_the_block_surface_averaged_over_pixels(slid):
     np.testing.assert_allclose(seen.temperature[0, 0], fine, atol=0.01)
 
 
+@pytest.mark.parametrize("name", ["emissivity", "camera_offset", "blur", "registration"])
+def test_a_profile_passes_through_the_camera_too(slid, name):
+    scene, run = slid
+    told = recording("profile", pitch=1e-3, emissivity=0.95, psf_sigma_px=0.5)
+    base = observe(run, scene, told).temperature
+    np.testing.assert_array_equal(observe(run, scene, told, (acting(name, **OFF[name]),)).temperature, base)
+    assert np.abs(observe(run, scene, told, (acting(name, **ON[name]),)).temperature - base).max() > 0.05
+
+
 def test_rims_are_left_out(slid):
     scene, run = slid
     inside = observe(run, scene, recording(pitch=5e-4, margin=2e-3)).inside

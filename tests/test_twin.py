@@ -149,6 +149,24 @@ def test_frames_of_another_schedule_are_refused(null, change, said):
         compare(replace(told, views=(replace(told.views[0], recording=moved),)))
 
 
+def test_what_cannot_be_compared_is_refused(null):
+    """No pixel on the body; load-cell readings beyond the schedule; none while the block slides."""
+    told = campaign.load(null)
+    [view, _], [force] = told.views, told.forces
+    far = replace(view, recording=replace(view.recording, v=view.recording.v + 0.1))
+    late = replace(force, time=tuple(t + 1e3 for t in force.time))
+    still = replace(force, time=(4.0, 5.0), mu=(0.8, 0.8))
+    for views, forces, said in (((far,), (), "no pixel"), ((), (late,), "ends at"), ((), (still,), "no reading")):
+        with pytest.raises(BadInput, match=said):
+            compare(replace(told, views=views, forces=forces))
+
+
+def test_the_wake_is_not_shifted_across(null):
+    found = {s.view.recording.view: s for s in compare(campaign.load(null)).seeings}
+    assert found["wake"].shift[1] == 0.0
+    assert found["sidewall"].shift[1] != 0.0
+
+
 def test_a_profile_can_be_the_view(made):
     found = compare(campaign.load(made(views=("profile",))))
     assert abs(found.seeings[0].chi2_per_dof - 1) < 0.3

@@ -76,6 +76,7 @@ def _recording(path: Path) -> Frames:
         repetition=known.repetition,
         u=known.u,
         v=known.v,
+        told={k: v for k in recording.OPTIONAL if (v := getattr(known, k)) is not None},
     )
 
 

@@ -32,7 +32,7 @@ class Frames:
     from a start; `said` the object parameters that the file states, `parameters` those that `temperature` was
     computed with (counts only), `counts` and `planck` of radiometric files.  `outside`: pixels beyond the
     camera's range; `difference`: K, not degC (a lock-in amplitude).  Recordings know their place already:
-    `view`, `repetition`, `u`, `v` (m).
+    `view`, `repetition`, `u`, `v` (m), and what is `told` of the camera.
     """
 
     format: str
@@ -52,6 +52,7 @@ class Frames:
     repetition: np.ndarray | None = None
     u: np.ndarray | None = None
     v: np.ndarray | None = None
+    told: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         T = self.temperature

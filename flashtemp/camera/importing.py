@@ -315,7 +315,7 @@ def _mask_file(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 def _known(frames: Frames, facts: Facts) -> dict[str, float | None]:
     """What is known of camera and object, as attributes of the recording."""
-    given = {to: getattr(facts, name) for name, to in CAMERA.items()}
+    given = {to: v if (v := getattr(facts, name)) is not None else frames.told.get(to) for name, to in CAMERA.items()}
     said = {**frames.said, **(facts.was or {}), **_given(facts)}
     fps = facts.fps or frames.fps
     every = facts.every or 1
@@ -329,7 +329,7 @@ def _known(frames: Frames, facts: Facts) -> dict[str, float | None]:
 def _block(facts: Facts) -> tuple[float, float] | None:
     """Length and height of the block, m, from the option or the case."""
     if facts.block is not None:
-        if min(facts.block) <= 0:
+        if not all(0 < side < np.inf for side in facts.block):
             raise BadInput(f"block: {facts.block}; give length and height in mm, greater than zero")
         return MM * facts.block[0], MM * facts.block[1]
     if facts.case is None:

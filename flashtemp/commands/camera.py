@@ -72,8 +72,8 @@ def _target(out: Path | None, overwrite: bool) -> Path:
 
 
 def _picture(result, target: Path) -> Path | None:
-    """The registration picture beside the recording; a profile has none."""
-    if result.recording.view == "profile":
+    """The registration picture beside the recording; a profile or a single row of pixels has none."""
+    if result.recording.view == "profile" or min(len(result.recording.u), len(result.recording.v)) < 2:
         return None
     from flashtemp.viz.registration import draw
 

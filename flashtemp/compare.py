@@ -19,6 +19,7 @@ from flashtemp.run import Run
 from flashtemp.scene import Scene
 
 MARGIN = 3.0  # pixels of road simulated beyond the last one seen
+ROUNDED = 1e-4  # of the schedule: times in tables are rounded
 SURE = 4.0  # standard errors of a correlation that white noise does not reach
 
 
@@ -204,7 +205,7 @@ def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene,
 def _check(view: View, scene: Scene) -> None:
     """BadInput unless the frames of a recording belong to the schedule of its condition."""
     schedule, time = scene.schedule, view.recording.time
-    late = np.flatnonzero(time > schedule.end * (1 + 1e-9) + 1e-6)
+    late = np.flatnonzero(time > schedule.end * (1 + ROUNDED))
     if len(late):
         raise BadInput(
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
@@ -213,11 +214,12 @@ def _check(view: View, scene: Scene) -> None:
     ends = np.array(
         [max(p.end for p in schedule.phases if p.repetition == r) for r in range(1, schedule.repetitions + 1)]
     )
+    near = ROUNDED * schedule.end
     for t, told in zip(time, view.recording.repetition, strict=True):
-        first = int(np.searchsorted(ends, t - 1e-6)) + 1
+        first = int(np.searchsorted(ends, t - near)) + 1
         if told not in (
             min(first, schedule.repetitions),
-            min(int(np.searchsorted(ends, t + 1e-6)) + 1, schedule.repetitions),
+            min(int(np.searchsorted(ends, t + near)) + 1, schedule.repetitions),
         ):
             raise BadInput(
                 f"{view.file}: repetition: {told} at {t:g} s, where the schedule of its condition is in repetition "
@@ -271,7 +273,7 @@ def pull(run: Run, force: Force) -> Pulling:
     """One load-cell trace against a run of its condition; readings while nothing slides are left out."""
     good = np.isfinite(run.friction)
     time, mu = np.array(force.time), np.array(force.mu)
-    if time[-1] > run.time[-1] * (1 + 1e-9) + 1e-6:
+    if time[-1] > run.time[-1] * (1 + ROUNDED):
         raise BadInput(
             f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
             f"{run.time[-1]:g} s; mend schedule.* in with, or the table"

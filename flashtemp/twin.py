@@ -100,7 +100,10 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
     truth = {"hidden": strengths, "nuisance": drawn, "numerics": numerics, "seed": plan.seed, "recordings": {}}
     entries: dict[str, list] = {"recording": [], "force": []}
     for number, factors in enumerate(CONDITIONS[: plan.conditions], 1):
-        given = {k: f * case[k] for k, f in zip(("contact.pressure", "schedule.speed"), factors, strict=True)}
+        given = {
+            k: float(f"{f * case[k]:.12g}")
+            for k, f in zip(("contact.pressure", "schedule.speed"), factors, strict=True)
+        }
         watch(f"condition {number} of {plan.conditions}: {', '.join(f'{k} = {v:g}' for k, v in given.items())}")
         jitter = 1.0 + plan.nuisance * JITTER * float(rng.normal())
         own = {k: _within(k, case[k] * f) for k, f in drawn.items()}
@@ -200,7 +203,7 @@ def _condition(made: cases.Case, plan: Plan, rng, work: Path, name: str) -> tupl
     t = t[np.interp(t, run.time, run.sliding.astype(float)) > 0.99]
     mu = np.interp(t, run.time[on], run.friction[on]) + FORCE * rng.normal(size=len(t))
     files.append(f"{name}_mu.csv")
-    np.savetxt(work / files[-1], np.column_stack([t, mu]), delimiter=",", header="time_s,mu", comments="", fmt="%.6g")
+    np.savetxt(work / files[-1], np.column_stack([t, mu]), delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
     return files, faults
 
 

@@ -43,7 +43,7 @@ class Footprint:
         b = self.b
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
         heated = now.touching and T is not None
-        turning, moment = self._turning(now) if heated else (np.inf, 0.0)
+        turning, moment = self._turning(now) if heated and now.pressure > 0 else (np.inf, 0.0)
         if turning < np.inf:
             moment *= self._friction(now, free, moment, turning, T, T_in, kf)
         press = b.foundation.settle(free, now.pressure, moment, turning)

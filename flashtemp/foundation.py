@@ -61,8 +61,8 @@ class Foundation:
         """How pressure answers to abrasion around a settled state."""
         on = press.touching.astype(float)
         U, V = on[:, None], (self.dx * on)[None]
-        G = V @ U
-        if press.turning < np.inf:
+        G = V @ U if press.touching.any() else np.eye(1)  # no load: nothing answers
+        if press.turning < np.inf and press.touching.any():
             xi = 1.0 - 2.0 * self.x / self.length
             U = np.stack([on, xi * on], axis=1)
             V = np.stack([self.dx * on, 0.5 * self.length * xi * self.dx * on])

@@ -230,6 +230,20 @@ def test_start_profile_is_read_as_cell_means_and_can_be_turned(lab):
     assert 0 < forward.worn_volume < 1e-3 * 0.5e-3 * L * W  # what was worn before does not count
 
 
+@pytest.mark.parametrize("turns", [[], ["friction_moment"]], ids=["guided", "turning"])
+def test_the_load_may_be_taken_off_while_it_slides(lab, turns):
+    """Pressure 0 from 5 to 10 s: nothing is pressed, rubbed or worn there, and it goes on afterwards."""
+    load = [[0.0, 1e5], [5.0, 0.0], [10.0, 0.0], [15.0, 2e5]]
+    effects = ["friction_softening", "edge_pressure", "wear", *turns]
+    run = lab.case(effects=effects, contact__pressure=load, schedule__distance=2.0, wear__rate=1e-9, **SHORT)
+    off = (run.time >= 5.0) & (run.time <= 10.0)
+    assert off.sum() > 1
+    assert not run.pressure[off].any()
+    assert np.ptp(run.worn[off], axis=0).max() < 1e-10
+    assert run.worn[-1].min() > run.worn[off][-1].min()
+    assert run.energy_imbalance < 1e-12
+
+
 def test_uniform_pressure_stays_uniform(lab):
     run = lab.case(effects=["wear"], wear__rate=1e-9, **SHORT)
     assert np.ptp(run.pressure) < 1e-9 * 1.5e5

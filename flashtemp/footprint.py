@@ -113,7 +113,7 @@ class Footprint:
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
-        if self._phi is None or not np.array_equal(phi, self._phi):
+        if self._phi is None or phi.dtype != self._phi.dtype or not np.array_equal(phi, self._phi):
             self._phi, self._kept = phi, self._spread(now._replace(local_pressure=None, spot_fraction=phi))
         flash, deep, lane = self._kept
         light = local / max(LIGHT * now.pressure, 1e-300)

@@ -180,6 +180,15 @@ def test_friction_may_depend_on_the_local_pressure(lab):
         np.testing.assert_allclose(out.imag[part] / 1e-30, slope[part], atol=1e-6 * np.abs(slope[part]).max())
 
 
+def test_spots_that_cover_all_keep_the_contact_real(lab):
+    """phi = 1 wherever it touches has no derivative: what was kept of a complex trial is not taken for the real one."""
+    run = lab.case(
+        effects=["wear", "edge_pressure", "friction_moment"], contact__spot_exponent=1.0, contact__pressure=2e6,
+        edge_pressure__B=15.0, edge_pressure__length=5e-3, schedule__distance=0.2, **SHORT,
+    )  # fmt: skip
+    assert run.energy_imbalance < 1e-12
+
+
 def test_a_lifted_block_presses_nowhere(lab):
     run = lab.case(effects=["wear"], schedule__repetitions=2, schedule__wait=1.0, schedule__distance=0.1, **SHORT)
     assert not run.pressure[~run.sliding].any()

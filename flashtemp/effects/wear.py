@@ -41,7 +41,9 @@ class Wear(Effect):
 
         def rate(T, now, p):
             energy = 1.0 - p.energy + p.energy * now.friction
-            return p.rate * energy * now.local_pressure * np.exp(p.temperature * (T - scene.ambient))
+            power = p.temperature * (T - scene.ambient)
+            power = np.where(np.real(power) > 50.0, 50.0, power)  # a trial of the solver may be far too hot
+            return p.rate * energy * now.local_pressure * np.exp(power)
 
         def worn(T, now, p):
             return 0.0 if p.profile is None else p.profile(scene.length - now.x if p.turned else now.x)

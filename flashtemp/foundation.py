@@ -55,7 +55,10 @@ class Foundation:
         c, t, found = _balance(free, self.dx, xi, 0.5 * self.length, load, moment, stiff, guided, touching)
         if not found:
             raise SolverFailure("the friction moment tips the block over its edge: no pressure carries it")
-        return Press(np.where(touching, free + c + t * xi, 0.0), t, touching, turning)
+        pressure = np.where(touching, free + c + t * xi, 0.0)
+        if abs(pressure.real @ self.dx - load) > 1e-8 * load:
+            raise SolverFailure("no pressure was found that carries load and friction moment; stiffen the holder")
+        return Press(pressure, t, touching, turning)
 
     def response(self, press: Press) -> Response:
         """How pressure answers to abrasion around a settled state."""

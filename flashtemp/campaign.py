@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from flashtemp import case as cases
+from flashtemp import keys
 from flashtemp.camera import recording
 from flashtemp.camera.recording import Recording
 from flashtemp.effect import catalogue
 from flashtemp.errors import BadInput, nearest
-from flashtemp.keys import Places
 from flashtemp.tables import pairs
 
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
@@ -75,12 +74,8 @@ def load(path) -> Campaign:
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
-    try:
-        text = file.read_text(encoding="utf-8")
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
-    where, faults, folder = Places(str(file), text), [], file.parent
+    text, raw = keys.read_toml(file)
+    where, faults, folder = keys.Places(str(file), text), [], file.parent
     for key in raw.keys() - TOP:
         faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
     case = _case(raw, where, folder, faults)
@@ -105,7 +100,7 @@ def load(path) -> Campaign:
         raise BadInput(*faults)
     believed = cases.load(case)
     free = raw.get("free", list(believed.free))
-    known = [f"{t}.{k}" for t, d in believed.values.items() for k, v in d.items() if isinstance(v, (int, float))]
+    known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in keys.declared(t)[k].kinds]
     for key in free:
         if key not in known:
             raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import tomllib
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,6 +52,15 @@ class Case:
             if isinstance(v, str) and "text" in keys.declared(t).get(k, keys.NOTHING).kinds
         }
 
+    def copy_files(self, folder: Path) -> dict[str, str]:
+        """Copy the files that the case names into a folder's inputs/; returns their new names by key."""
+        renamed: dict[str, str] = {}
+        for key, name in self.files().items():
+            renamed[key] = f"inputs/{key}{Path(name).suffix}"
+            (folder / "inputs").mkdir(exist_ok=True)
+            shutil.copyfile(self.folder / name, folder / renamed[key])
+        return renamed
+
     def toml(self, rename: dict[str, str] | None = None) -> str:
         """The effective case as TOML that gives the same run again."""
         import tomli_w
@@ -82,11 +91,7 @@ def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
     file = path / "case.toml" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no such case; give a folder with a case.toml or a .toml file")
-    try:
-        text = file.read_text(encoding="utf-8")
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
+    text, raw = keys.read_toml(file)
     given = keys.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem

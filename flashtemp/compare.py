@@ -211,19 +211,13 @@ def _check(view: View, scene: Scene) -> None:
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
-    ends = np.array(
-        [max(p.end for p in schedule.phases if p.repetition == r) for r in range(1, schedule.repetitions + 1)]
-    )
     near = ROUNDED * schedule.end
     for t, told in zip(time, view.recording.repetition, strict=True):
-        first = int(np.searchsorted(ends, t - near)) + 1
-        if told not in (
-            min(first, schedule.repetitions),
-            min(int(np.searchsorted(ends, t + near)) + 1, schedule.repetitions),
-        ):
+        possible = [schedule.phase(at).repetition for at in (t - near, t + near)]
+        if told not in possible:
             raise BadInput(
                 f"{view.file}: repetition: {told} at {t:g} s, where the schedule of its condition is in repetition "
-                f"{first}; mend schedule.* in with, or the recording"
+                f"{possible[0]}; mend schedule.* in with, or the recording"
             )
 
 
@@ -235,16 +229,14 @@ def see(run: Run, scene: Scene, view: View) -> Seeing:
     def left(seen: Seen) -> np.ndarray:
         return np.where(seen.inside, recording.temperature - seen.temperature, np.nan)
 
-    first = left(observe(run, scene, recording, scene.acting))
-    if not np.isfinite(first).any():
+    plain = observe(run, scene, recording, scene.acting)
+    if not np.isfinite(left(plain)).any():
         raise BadInput(
             f"{view.file}: no pixel of it lies on the block or the road, clear of their edges; check u, v and view, "
             "or give smaller pixels"
         )
-    guess = noise(first, *stated)
-    found = align(
-        run, scene, recording, lambda r: whiten(r, guess), scene.acting, recording.registration_sigma_px or 0.0
-    )
+    guess = noise(left(plain), *stated)
+    found = align(run, scene, recording, plain, lambda r: whiten(r, guess), recording.registration_sigma_px or 0.0)
     residual = left(found.seen)
     level = noise(residual, *stated)
     sigmas = whiten(residual, level)

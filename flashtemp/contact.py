@@ -22,14 +22,15 @@ from flashtemp.laws import STEP
 class ContactState:
     """What the contact laws give along the block (lines,), apart from temperature.
 
-    `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction, `pressure` local nominal pressure (Pa),
-    `r` = 1/alpha, without bound where the block lifts off, and `flash` (m2 K/W), `lane` factor on the
-    road rise, `split` chi, `surface` share of the heat released at the interface, `deep` flash of the
-    deposits (m2 K/W).
+    `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction and `covered` its mean over the length, `pressure`
+    local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, and `flash` (m2 K/W),
+    `lane` factor on the road rise, `split` chi, `surface` share of the heat released at the interface, `deep`
+    flash of the deposits (m2 K/W).
     """
 
     m: np.ndarray
     phi: np.ndarray
+    covered: float
     pressure: np.ndarray
     r: np.ndarray
     flash: np.ndarray

@@ -34,21 +34,20 @@ class Footprint:
         self._guess, self._mean = None, 0.0
 
     # --- pressure ------------------------------------------------------------------------------
-    def meet(self, now, worn, T=None, T_in=None, kf=None, slopes: bool = False) -> Meeting:
+    def meet(self, now, worn, T, T_in, kf, slopes: bool = False) -> Meeting:
         """Settle the block, worn by `worn` (lines,) m, on the road and solve the contact.
 
-        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k; without
-        `T`, or while the block is lifted, there are no fluxes.
+        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.  While the
+        block is lifted there are no fluxes.
         """
         b = self.b
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
-        heated = now.touching and T is not None
-        turning, moment = self._turning(now) if heated and now.pressure > 0 else (np.inf, 0.0)
+        turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
         if turning < np.inf:
             moment *= self._friction(now, free, moment, turning, T, T_in, kf)
         press = b.foundation.settle(free, now.pressure, moment, turning)
         state = self.state(now, press.pressure)
-        if not heated:
+        if not now.touching:
             return Meeting(state, press)
         out = self.fluxes(state, now, T, T_in, kf, slopes)
         self._guess = np.real((out[0] if slopes else out).spot)
@@ -114,14 +113,16 @@ class Footprint:
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
         if self._phi is None or phi.dtype != self._phi.dtype or not np.array_equal(phi, self._phi):
-            self._phi, self._kept = phi, self._spread(now._replace(local_pressure=None, spot_fraction=phi))
-        flash, deep, lane = self._kept
+            covered = phi @ self.mesh.dx_block / self.mesh.dx_block.sum()
+            seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
+            self._phi, self._kept = phi, (covered, *self._spread(seen))
+        covered, flash, deep, lane = self._kept
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
         return contact.ContactState(
-            m=local * speed / phi, phi=phi, pressure=local, r=r + OPEN / np.expm1(light), flash=flash, lane=lane,
-            split=split, surface=self.b.surface_share, deep=deep,
+            m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
+            flash=flash, lane=lane, split=split, surface=self.b.surface_share, deep=deep,
         )  # fmt: skip
 
     def _spread(self, now):
@@ -134,9 +135,16 @@ class Footprint:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
         return flash, deep, laws("road.lane_rise", 1.0, None, now) * one
 
+    def lanes(self, state, now) -> np.ndarray:
+        """Factor on the rise of the lanes (n_lines,), also before and behind the block."""
+        every = self.at(state, now)._replace(x=self.mesh.x_centre)
+        return self.laws("road.lane_rise", 1.0, None, every) * np.ones(self.mesh.n_lines)
+
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
-        return now._replace(x=self.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi)
+        return now._replace(
+            x=self.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
+        )
 
     def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
         """Interface fluxes at rises T (cells,) with road entering at T_in (n_road,); see contact.solve."""
@@ -144,7 +152,9 @@ class Footprint:
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
-            bare = at._replace(local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi))
+            bare = at._replace(
+                local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
+            )
 
         def friction(T, apart=False):
             return laws("friction.mu", 0.0, T, bare if apart else at) + 0.0 * T
@@ -164,8 +174,5 @@ class Footprint:
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, meeting: Meeting, now) -> np.ndarray:
         """dw/dt (lines,) in m/s."""
-        return now.speed * self._abraded(meeting.state, meeting.flux, now)
-
-    def _abraded(self, state, flux, now):
-        at = self.at(state, now)._replace(friction=flux.mu)
-        return self.laws("block.abrasion", 0.0, flux.spot, at) * np.ones(len(state.phi))
+        at = self.at(meeting.state, now)._replace(friction=meeting.flux.mu)
+        return now.speed * self.laws("block.abrasion", 0.0, meeting.flux.spot, at) * np.ones(len(at.x))

@@ -51,7 +51,7 @@ def simulate(
             raise BadInput(f"--out: {work} holds an interrupted run; {hint}")
         _clear(work)
         try:
-            (work / "case.toml").write_text(case.toml(_copy_inputs(case, work)), encoding="utf-8")
+            (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
             return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say)
         except Interrupted:
             raise
@@ -158,16 +158,6 @@ def _draw(run: Run, work: Path, animated: bool, say) -> None:
     if animated and viz.applies("animation", run):
         say("drawing the animation")
         viz.animate(run, work)
-
-
-def _copy_inputs(case: cases.Case, work: Path) -> dict[str, str]:
-    """Copy the files that a case names into the result; returns their new names by key."""
-    renamed: dict[str, str] = {}
-    for key, name in case.files().items():
-        renamed[key] = f"inputs/{key}{Path(name).suffix}"
-        (work / "inputs").mkdir(exist_ok=True)
-        shutil.copyfile(case.folder / name, work / renamed[key])
-    return renamed
 
 
 def _watcher(work, scene, watch, stopped=None, box=None):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from flashtemp.effect import Param, catalogue
@@ -118,6 +119,15 @@ class Places:
         """An error line that begins with its key, completed by where the key stands."""
         key = line.split(":", 1)[0]
         return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
+
+
+def read_toml(file: Path) -> tuple[str, dict]:
+    """Text and tables of a TOML file that exists.  Raises BadInput."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
 
 
 def refinement(level: str | float) -> float:

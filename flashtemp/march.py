@@ -147,8 +147,9 @@ def _explain(balance, stage, t, y, fault) -> str:
     body = "block" if mesh.level[cell] >= mesh.n_road else "road"
     x, z = mesh.x_centre[mesh.line[cell]], mesh.z_centre[cell]
     T = balance.rise(h) + balance.scene.ambient
-    moment = stage.moment(t)
-    moment = moment._replace(x=mesh.x_block, spot_fraction=stage.meet(moment, y).state.phi)
+    moment = stage.moment(t)  # evenly pressed: what failed may be the pressure itself
+    even = stage.footprint.state(moment, np.full(len(mesh.x_block), moment.pressure))
+    moment = stage.footprint.at(even, moment)
     sizes = balance.laws.contributors(T[balance.cell_block], moment)
     effect = max(sizes, key=sizes.get) if sizes else "none"
     return (
@@ -187,13 +188,12 @@ def _leave(scene, stage, t, y, track) -> None:
     if track.place and place - track.place[-1] < track.lap / 400:
         return
     column, drift = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]], now.ambient - scene.ambient
-    share = float(np.mean(stage.meet(now, y).state.phi))
-    track.leave(t, place, column - drift, stage.entering(now) - drift, share)
+    track.leave(t, place, column - drift, stage.entering(now) - drift, stage.meet(now, y).state.covered)
 
 
 def _restart(scene, balance, before, now) -> None:
     """The road at a new start: spread sideways where the block rested on it, else forgotten or carried."""
-    mesh, road = scene.mesh, scene.mesh.road
+    road = scene.mesh.road
     y = now.y.copy()
     old = balance.stored(y)
     stage = Stage(balance, before, _inflow(scene, before, now.track))
@@ -201,12 +201,10 @@ def _restart(scene, balance, before, now) -> None:
     rise = np.zeros(balance.n)
     rise[road] = stage.entering(moment)
     if not scene.schedule.lifted:
-        state = stage.meet(moment, y).state
-        every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
-        spread = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
+        spread = stage.footprint.lanes(stage.meet(moment, y).state, moment)
         rise[road] += spread[:, None] * (balance.rise(y[: balance.n])[road] - rise[road])
     elif now.track is not None:
-        share = float(np.mean(stage.meet(moment, y).state.phi))
+        share = stage.meet(moment, y).state.covered
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
         left = mixed * (balance.rise(y[: balance.n])[road] - rise[road])
         rise[road] += balance.laws("road.inflow", 0.0, None, moment._replace(carried=left))
@@ -228,7 +226,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
     C0 = scene.ambient - KELVIN
     under = entering[-1]
     mu = np.nan
-    state, press, flux, _ = stage.meet(moment, y, T, entering, kf)
+    state, press, flux, _ = stage.footprint.meet(moment, worn, T, entering, kf)
     if flux is not None and stage.phase.sliding:
         load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
         mu = float((flux.mu * load).sum() / load.sum())
@@ -239,16 +237,14 @@ def _record(balance, stage, t, y, now, frame) -> None:
         surface = T[balance.cell_block] + state.phi * flux.into_block * balance.half_block / kf[balance.cell_block]
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
     else:
-        lifted = moment._replace(spot_fraction=state.phi)
-        surface = balance.sites.surface_rise("block.face", lifted, T, kf)
+        surface = balance.sites.surface_rise("block.face", stage.footprint.at(state, moment), T, kf)
         spot = surface + C0
         lane = under + state.lane * (T[balance.cell_road] - under) + C0
-    every = moment._replace(x=mesh.x_centre, local_pressure=state.pressure, spot_fraction=state.phi)
-    lanes = balance.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
+    lanes = stage.footprint.lanes(state, moment)
     cells = T + C0
     cells[mesh.road] = C0 + entering + lanes[:, None] * (T[mesh.road] - entering)
     behind = T[mesh.road[mesh.last :, -1]]  # lanes keep their heat as they widen: so does the mean across y
-    wake = C0 + under + float(np.mean(state.phi)) * (behind - under)
+    wake = C0 + under + state.covered * (behind - under)
     block, road = np.add(balance.stored(y), now.left)
     energy = dict(zip(balance.ledger, y[balance.books], strict=True)) | {
         "block": block,

@@ -33,6 +33,7 @@ class Moment(NamedTuple):
     x: Any = None  # m from the leading edge
     local_pressure: Any = None  # Pa at x
     spot_fraction: Any = None  # macroasperity contact fraction at x
+    covered: Any = None  # macroasperity contact fraction, mean over the block's length
     friction: Any = None  # friction coefficient at x
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell

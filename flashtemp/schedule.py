@@ -133,6 +133,11 @@ class Schedule:
                 t += self.wait
         return tuple(out)
 
+    def phase(self, t: float) -> Phase:
+        """The phase at a time (s): an event belongs to the one that it ends; the outermost are held."""
+        k = int(np.searchsorted([p.end for p in self.phases], t))
+        return self.phases[min(k, len(self.phases) - 1)]
+
     @property
     def end(self) -> float:
         """Total time, s."""

@@ -43,9 +43,10 @@ class Stage:
         carried = self.inflow(now)
         return self.b.laws("road.inflow", drift + 0.0 * carried, None, now._replace(carried=carried))
 
-    def meet(self, now, y, T=None, T_in=None, kf=None) -> Meeting:
-        """Block and road at a state y: pressure, contact laws and, at rises T (cells,), fluxes."""
-        return self.footprint.meet(now, self.b.worn_depth(y), T, T_in, kf)
+    def meet(self, now, y) -> Meeting:
+        """Block and road at a state y: pressure, contact laws and, unless the block is lifted, fluxes."""
+        T = self.b.rise(y[: self.b.n])
+        return self.footprint.meet(now, self.b.worn_depth(y), T, self.entering(now), self.conduction(T, now)[2])
 
     # --- rate --------------------------------------------------------------------------------
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
@@ -65,7 +66,7 @@ class Stage:
             mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(y.dtype), h_in.astype(y.dtype), b.g_in, q
         )
         led = dict.fromkeys(b.ledger, 0.0)
-        meeting = self.meet(now, y, T, T_in, kf)
+        meeting = self.footprint.meet(now, b.worn_depth(y), T, T_in, kf)
         state, flux = meeting.state, meeting.flux
         if flux is not None:
             dx = mesh.dx_block
@@ -81,7 +82,7 @@ class Stage:
             led["lane_in"] = road.sum()
             if b.abrades:
                 out[b.worn] = self.footprint.abrasion_rate(meeting, now) / b.worn_unit
-        b.sites.exchange(now._replace(spot_fraction=state.phi), T, kf, q, led)
+        b.sites.exchange(self.footprint.at(state, now), T, kf, q, led)
         a, z = mesh.start[0], mesh.start[-2]
         m = mesh.n_road
         leave = carry * (h[z : z + m] + b.slope[-1] * (h[z : z + m] - h[mesh.start[-3] : mesh.start[-3] + m]))
@@ -130,7 +131,7 @@ class Stage:
         T_in = self.entering(now)
         meeting = self.footprint.meet(now, b.worn_depth(y), T, T_in, kf, slopes=True)
         state, d = meeting.state, meeting.slopes
-        b.sites.slopes(now._replace(spot_fraction=state.phi), T, kf, self.own, rows)
+        b.sites.slopes(self.footprint.at(state, now), T, kf, self.own, rows)
         self.coupling = None
         if d is not None:
             dx, phi = mesh.dx_block, state.phi
@@ -162,7 +163,10 @@ class Stage:
         ]
 
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
-        """out = J v with the balance linearised at the last set-up; conserves heat like the rate."""
+        """out = J v with the balance linearised at the last set-up; conserves heat like the rate.
+
+        Left out: slopes of k(T), and the way from temperature over friction to the tilt of a holder that turns.
+        """
         self.calls["times"] += 1
         b, mesh, n = self.b, self.b.scene.mesh, self.b.n
         h = v[:n]

@@ -13,6 +13,20 @@ import numpy as np
 from flashtemp.errors import BadInput
 
 
+def between(values: np.ndarray, at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Linear interpolation along the first axis of values (n, ...) kept `at` (n,), outermost values held.
+
+    >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
+    [0.0, 1.0]
+    """
+    k = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, max(0, len(at) - 2))
+    following = np.minimum(k + 1, len(at) - 1)
+    step = at[following] - at[k]
+    weight = np.clip((wanted - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
+    weight = weight.reshape(-1, *[1] * (values.ndim - 1))
+    return (1.0 - weight) * values[k] + weight * values[following]
+
+
 @dataclass(frozen=True)
 class Curve:
     """A broken line y(x), held constant outside its range; complex x passes its derivative on.

@@ -7,7 +7,7 @@ within what is known of them, and is sealed in a file of its own that nothing el
 from __future__ import annotations
 
 import json
-import shutil
+import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -93,7 +93,7 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
     rng = np.random.default_rng(plan.seed)
     believed = replace(case, effects=tuple(e for e in case.effects if e not in plan.hidden))
     believed = replace(believed, values={t: v for t, v in case.values.items() if t not in plan.hidden})
-    (work / "case.toml").write_text(believed.toml(_copy(believed, work)), encoding="utf-8")
+    (work / "case.toml").write_text(believed.toml(believed.copy_files(work)), encoding="utf-8")
     strengths = {name: strength(name, case, rng) for name in plan.hidden}
     drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in KNOWN.items()}
     numerics = discretisation(case, rng)
@@ -132,16 +132,6 @@ def _within(key: str, value: float) -> float:
     return float(np.clip(value, param.low, param.high))
 
 
-def _copy(case: cases.Case, work: Path) -> dict[str, str]:
-    """Copy the files that a case names beside it; their new names by key."""
-    renamed = {}
-    for key, name in case.files().items():
-        renamed[key] = f"inputs/{key}{Path(name).suffix}"
-        (work / "inputs").mkdir(exist_ok=True)
-        shutil.copyfile(case.folder / name, work / renamed[key])
-    return renamed
-
-
 def strength(name: str, case: cases.Case, rng) -> dict[str, float]:
     """Parameters of a hidden effect: half to one and a half times its default, or what the case says of it."""
     out = {}
@@ -176,11 +166,7 @@ def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
     given = given | {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE}
-    raw: dict[str, Any] = {t: dict(v) for t, v in case.values.items()}
-    raw = {t: {k: v for k, v in values.items() if v is not None} for t, values in raw.items()}
-    own = {t: raw.pop(t) for t in list(raw) if t.startswith("materials.")}
-    raw["materials"] = {t.split(".", 1)[1]: v for t, v in own.items()}
-    raw |= {"title": case.title, "effects": effects}
+    raw = tomllib.loads(case.toml()) | {"effects": effects}
     return cases.assemble(raw, given, cases.keys.Places(case.name), case.folder, case.name)
 
 

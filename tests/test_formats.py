@@ -143,7 +143,7 @@ def given(tmp_path):
     return given
 
 
-def refused(given, data: bytes, says: str, **unsaid) -> str:
+def check_refused(given, data: bytes, says: str, **unsaid) -> str:
     with pytest.raises(BadInput, match=says) as fault:
         given(data, **unsaid)
     [line] = fault.value.lines
@@ -173,8 +173,8 @@ def test_jpeg_in_pieces(given):
     frames = given(jpeg(fff()))
     assert frames.format == "FLIR radiometric JPEG"
     assert np.array_equal(frames.counts[0], COUNTS)
-    refused(given, jpeg(fff(), leave_out=1), "piece 2 of")
-    refused(given, jpeg(b""), "without thermal data.*give")
+    check_refused(given, jpeg(fff(), leave_out=1), "piece 2 of")
+    check_refused(given, jpeg(b""), "without thermal data.*give")
 
 
 @pytest.mark.parametrize("kind", ["plain", "jpeg-ls"])
@@ -195,7 +195,7 @@ def test_sequence(given, kind):
 def test_given_parameters_go_before_the_files(given):
     """An emissivity that nobody can use is replaced; window, air and calibration too."""
     broken = fff(numbers={0x20: float("nan")})
-    refused(given, broken, "emissivity: nan; give")
+    check_refused(given, broken, "emissivity: nan; give")
     assert np.abs(given(broken, parameters={"emissivity": 0.95}).temperature[0] - SCENE).max() < STEP
     hot = SEEN.changed({"emissivity": 0.8, "window": 0.7, "window_temperature": 50.0, "air": 35.0})
     counts = np.round(apparent_counts(SCENE, PLANCK, hot)).astype(np.uint16)
@@ -228,13 +228,13 @@ def test_beyond_the_range(given):
     ids=lambda x: x if isinstance(x, str) else "",
 )
 def test_damaged_fff(given, records, says):
-    refused(given, fff(records=records), says)
+    check_refused(given, fff(records=records), says)
 
 
 def test_cut_off_anywhere(given):
     whole = fff() + fff()
     for end in (10, 63, 70, 140, 300, 2000, len(whole) - 600, len(whole) - 20):
-        refused(given, whole[:end], "cut off|no matrix|no text|no readable|damaged|empty|words")
+        check_refused(given, whole[:end], "cut off|no matrix|no text|no readable|damaged|empty|words")
 
 
 def test_irb(given):
@@ -242,11 +242,11 @@ def test_irb(given):
     assert np.abs(frames.temperature - SCENE).max() < 150 / 255 / 256
     assert frames.said == {"emissivity": 0.95, "distance": 0.8, "reflected": 25.0}
     assert frames.clock[0] == 19000.5 * 86400 + 0.25
-    refused(given, irb(compressed=1), "compressed.*ASCII")
-    refused(given, irb(depth=4), "4 bytes per pixel.*ASCII")
-    refused(given, irb()[:-9], "cut off")
-    refused(given, irb()[:80], "cut off or damaged")
-    refused(given, irb(images=0), "no image.*ASCII")
+    check_refused(given, irb(compressed=1), "compressed.*ASCII")
+    check_refused(given, irb(depth=4), "4 bytes per pixel.*ASCII")
+    check_refused(given, irb()[:-9], "cut off")
+    check_refused(given, irb()[:80], "cut off or damaged")
+    check_refused(given, irb(images=0), "no image.*ASCII")
 
 
 def hole(value: str) -> bytes:
@@ -304,15 +304,15 @@ def test_a_threshold_for_below_the_range(given):
 
 
 def test_text_that_cannot_be_read(given):
-    refused(given, text(digits=1, separator=",", decimal=","), "decimal commas.*--decimal")
+    check_refused(given, text(digits=1, separator=",", decimal=","), "decimal commas.*--decimal")
     assert given(text(digits=0, separator=","), decimal="point").shape == SCENE.shape
-    refused(given, text(SCENE + 273.15), "--unit")
+    check_refused(given, text(SCENE + 273.15), "--unit")
     assert given(text(SCENE + 273.15), unit="K").temperature[0] == pytest.approx(SCENE, abs=1e-3)
-    refused(given, text()[:-30], "line 12 has .* values")
-    refused(given, hole("broken"), "words")
-    refused(given, b"nothing here\n", "no matrix")
-    refused(given, text(SCENE * np.nan), "no pixel")
-    refused(given, b"", "empty")
+    check_refused(given, text()[:-30], "line 12 has .* values")
+    check_refused(given, hole("broken"), "words")
+    check_refused(given, b"nothing here\n", "no matrix")
+    check_refused(given, text(SCENE * np.nan), "no pixel")
+    check_refused(given, b"", "empty")
 
 
 def test_irbis_ascii(given):
@@ -325,8 +325,8 @@ def test_irbis_ascii(given):
     amplitude = given(irbis(SCENE, "mK", content="Amplitude"))
     assert amplitude.difference
     assert amplitude.temperature[0] == pytest.approx(1e-3 * SCENE, abs=1e-6)
-    refused(given, irbis(rows=ROWS + 1), "12 rows of 16 to 16.*cut off")
-    refused(given, irbis()[:60], "without .Data.")
+    check_refused(given, irbis(rows=ROWS + 1), "12 rows of 16 to 16.*cut off")
+    check_refused(given, irbis()[:60], "without .Data.")
 
 
 def test_tiff(given):
@@ -337,16 +337,16 @@ def test_tiff(given):
         )
         assert frames.temperature.shape == (2, ROWS, COLUMNS)
         assert np.abs(frames.temperature - SCENE).max() <= 0.0201
-    line = refused(given, tiff(counts), "--scale and --offset")
+    line = check_refused(given, tiff(counts), "--scale and --offset")
     assert "7576 to" in line or str(counts.min()) in line
-    refused(given, tiff(counts), "give --offset", scale=0.04)
-    refused(given, tiff(counts), "scale: 0.4 and offset", scale=0.4, offset=-273.15)
+    check_refused(given, tiff(counts), "give --offset", scale=0.04)
+    check_refused(given, tiff(counts), "scale: 0.4 and offset", scale=0.4, offset=-273.15)
     assert given(tiff(SCENE.astype(np.float32))).temperature[0] == pytest.approx(SCENE, abs=1e-4)
-    refused(given, tiff(counts.astype(np.uint8)), "colours")
-    refused(given, tiff(np.zeros((8, 8, 3), np.uint8), photometric="rgb"), "colours")
+    check_refused(given, tiff(counts.astype(np.uint8)), "colours")
+    check_refused(given, tiff(np.zeros((8, 8, 3), np.uint8), photometric="rgb"), "colours")
     png = imagecodecs.png_encode(counts)
     assert np.abs(given(png, scale=0.04, offset=-273.15).temperature[0] - SCENE).max() <= 0.0201
-    refused(given, png, "--scale")
+    check_refused(given, png, "--scale")
 
 
 def test_arrays(given):
@@ -364,11 +364,11 @@ def test_arrays(given):
         assert frames.temperature == pytest.approx(stack, abs=1e-9)
     assert given(hdf5({"a/T": stack, "time": np.array([0.5, 1.0])})).time.tolist() == [0.5, 1.0]
     two = hdf5({"a": stack, "b": stack})
-    refused(given, two, "'a'.*'b'.*--variable")
+    check_refused(given, two, "'a'.*'b'.*--variable")
     assert given(two, variable="b").temperature == pytest.approx(stack)
-    refused(given, two, "known are a, b", variable="c")
-    refused(given, matlab(x=3.0), "no array.*--variable")
-    refused(given, hdf5({"a": (stack * 100).astype(np.uint16)}), "--scale")
+    check_refused(given, two, "known are a, b", variable="c")
+    check_refused(given, matlab(x=3.0), "no array.*--variable")
+    check_refused(given, hdf5({"a": (stack * 100).astype(np.uint16)}), "--scale")
     assert given(hdf5({"a": (stack * 100).astype(np.uint16)}), scale=0.01, offset=0.0).temperature == pytest.approx(
         stack, abs=0.011
     )

@@ -255,9 +255,10 @@ def test_ctrl_c_at_the_command_line(folder, tmp_path):
 @pytest.mark.skipif(len(available()) < 2, reason="one CVODE binding on this machine")
 def test_both_bindings_give_the_same_answer(folder):
     first, second = (
-        job.simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-5})) for b in available()
+        job.simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in available()
     )
     rise = np.abs(first.T_block - 20.0).max()
+    # columns of the track are kept at solver steps, linear between: 8e-5 whatever rtol is
     np.testing.assert_allclose(first.T_block, second.T_block, atol=1e-4 * rise)
     np.testing.assert_allclose(first.friction_per_repetition, second.friction_per_repetition, rtol=5e-6)
 

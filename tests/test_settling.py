@@ -139,7 +139,7 @@ def test_no_relaxation_is_seldom_taken_for_one(known, n):
 
 
 # --- what the data cannot say -------------------------------------------------------------------------
-def cannot(answer, says: str) -> None:
+def check_cannot(answer, says: str) -> None:
     assert says in str(answer)
     assert answer.s_w is None
     assert answer.slid is None
@@ -147,19 +147,19 @@ def cannot(answer, says: str) -> None:
 
 
 def test_three_values():
-    cannot(relaxation(repetitions(8.0, 3)), "cannot say from 3 values; 4 repetitions are the least")
+    check_cannot(relaxation(repetitions(8.0, 3)), "cannot say from 3 values; 4 repetitions are the least")
 
 
 def test_no_trend():
     answer = relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL))
-    cannot(answer, "no relaxation seen: the change is below the scatter; already reproducible to 0.18 %")
+    check_cannot(answer, "no relaxation seen: the change is below the scatter; already reproducible to 0.18 %")
     assert answer.scatter == pytest.approx(0.0027, rel=0.5)
 
 
 @pytest.mark.parametrize("value", [0.0, 0.9])
 def test_nothing_changes_at_all(value):
     n = np.arange(6.0)
-    cannot(relaxation(Record(n, n + 1, np.full(6, value), length=1.0)), "already reproducible to 0 %")
+    check_cannot(relaxation(Record(n, n + 1, np.full(6, value), length=1.0)), "already reproducible to 0 %")
 
 
 def test_scatter_above_what_is_asked_says_how_many_to_average():
@@ -172,7 +172,7 @@ def test_straight_line():
     rng = np.random.default_rng(2)
     n = np.arange(10)
     answer = relaxation(Record(3.5 * n, 3.5 * (n + 1), 0.8 + 0.004 * n + 1e-4 * rng.normal(size=10), length=3.5))
-    cannot(answer, "relaxation is longer than your data, s_w at least ")
+    check_cannot(answer, "relaxation is longer than your data, s_w at least ")
     low, high = answer.s_w_interval
     assert high == math.inf
     assert low > 35
@@ -181,7 +181,7 @@ def test_straight_line():
 
 def test_far_beyond_the_data():
     """Even without noise nothing is extrapolated from a tenth of the change."""
-    cannot(relaxation(repetitions(400.0, 10)), "relaxation is longer than your data")
+    check_cannot(relaxation(repetitions(400.0, 10)), "relaxation is longer than your data")
 
 
 def test_too_noisy_to_end():
@@ -189,7 +189,7 @@ def test_too_noisy_to_end():
     open_ended = [a for a in answers if a.s_w_interval and a.s_w_interval[1] == math.inf]
     assert open_ended
     for a in open_ended:
-        cannot(a, "relaxation may be longer than your data")
+        check_cannot(a, "relaxation may be longer than your data")
         assert "slide at least 5 more" in a.says
 
 
@@ -197,7 +197,7 @@ def test_only_the_first_differs():
     rng = np.random.default_rng(4)
     value = 0.9 + 0.001 * rng.normal(size=10) - 0.05 * (np.arange(10) == 0)
     answer = relaxation(Record(np.arange(10), np.arange(1, 11), value, length=1.0, unit="repetitions"))
-    cannot(
+    check_cannot(
         answer, "only the first values differ for certain: within 1 % of its final value after at most 1 repetitions"
     )
     assert answer.s_w_interval[0] == 0.0
@@ -263,7 +263,7 @@ def test_values_are_those_of_the_summary(result):
     np.testing.assert_allclose(data.value, summary["friction_per_repetition"], rtol=1e-12)
     assert data.length == pytest.approx(0.2)
     np.testing.assert_allclose(data.end, 0.2 * np.arange(1, 7))
-    cannot(settling(out), "no relaxation seen")  # friction is constant
+    check_cannot(settling(out), "no relaxation seen")  # friction is constant
 
 
 def test_result_without_its_case(result, tmp_path):

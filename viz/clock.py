@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from flashtemp.tables import between
 from flashtemp.viz import theme
 
 DOMINANT = 2.5  # waits longer than this many times the sliding are drawn compressed
@@ -105,5 +106,5 @@ def means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray
     step = np.diff(time)[:, None]
     area = np.concatenate([0 * values[:1], np.cumsum(0.5 * step * (values[1:] + values[:-1]), axis=0)])
     k = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, len(time) - 1)
-    rest = 0.5 * (edges - time[k])[:, None] * (values[k] + theme.between(values, time, edges))
+    rest = 0.5 * (edges - time[k])[:, None] * (values[k] + between(values, time, edges))
     return np.diff(area[k] + rest, axis=0) / np.diff(edges)[:, None]

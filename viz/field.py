@@ -7,6 +7,7 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure
 
+from flashtemp.tables import between
 from flashtemp.viz import theme
 from flashtemp.viz.clock import clock, ends
 
@@ -86,8 +87,8 @@ def _body(ax, values, x_cell, z_cell, x_ends, far: float, norm):
     """One body, values (lines, cells from the contact outwards); `far` < 0 is the road (m)."""
     x = np.linspace(*x_ends, COLUMNS + 1)
     z = np.linspace(0.0, abs(far), ROWS + 1)
-    T = theme.between(values, x_cell, 0.5 * (x[1:] + x[:-1]))
-    T = theme.between(T.T, z_cell, 0.5 * (z[1:] + z[:-1]))
+    T = between(values, x_cell, 0.5 * (x[1:] + x[:-1]))
+    T = between(T.T, z_cell, 0.5 * (z[1:] + z[:-1]))
     return ax.pcolormesh(
         1e3 * x, 1e3 * np.sign(far) * z, T, cmap=theme.temperature_map(), norm=norm, rasterized=True
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flashtemp.tables import between
 from flashtemp.viz import theme
 from flashtemp.viz.clock import Clock, clock, means
 
@@ -38,7 +39,7 @@ def _film(fig, ax, run, when: Clock) -> None:
     x = np.linspace(0.0, run.mesh.x[run.mesh.last], ROWS + 1)
     at, records = run.time, run.T_block
     values = means(records, at, time)
-    values = theme.between(values.T, run.x, 0.5 * (x[1:] + x[:-1]))
+    values = between(values.T, run.x, 0.5 * (x[1:] + x[:-1]))
     film = ax.pcolormesh(
         when.of(time), 1e3 * x, values, rasterized=True,
         cmap=theme.temperature_map(), norm=theme.temperature_norm(run.T_block),

@@ -52,7 +52,7 @@ def _words(ax, run, repetition: int, frame: int) -> None:
     """Name the repetition; mark and name the hottest place of the contact."""
     ax.set_title(f"repetition {repetition}", fontweight="bold", pad=3)
     T = np.where(run.pressure[run.frames[frame]] > 0, run.T_spot[run.frames[frame]], np.nan)
-    if np.nanmax(T) - np.nanmin(T) > FLAT:
+    if np.isfinite(T).any() and np.nanmax(T) - np.nanmin(T) > FLAT:
         i = int(np.nanargmax(T))
         ax.set_title(f"hottest {T[i]:.1f} {theme.DEGREE} at {1e3 * run.x[i]:.1f} mm", loc="right", pad=3)
         ax.plot(1e3 * run.x[i], ax.get_ylim()[0], "^", color="black", ms=4.0, clip_on=False, zorder=5)

@@ -23,7 +23,7 @@ def draw(recording, block=None) -> Figure:
     image = recording.temperature[recording.frames // 2]
     tall = np.clip((edges[3] - edges[2]) / (edges[1] - edges[0]), 0.15, 1.2)
     fig = Figure(figsize=(WIDE, 1.1 + 0.85 * WIDE * tall), layout="constrained", facecolor="white")
-    fig.suptitle(f"Registration of {recording.source or 'the recording'}", x=0.01, ha="left")
+    fig.suptitle(f"Registration of {recording.source or 'the recording'}", x=0.01, ha="left", parse_math=False)
     ax = fig.subplots()
     shown = ax.imshow(
         image,

@@ -65,7 +65,9 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 def figure(run, width: float, height: float) -> Figure:
     """An empty figure (inches) with the run's title, laid out so that nothing overlaps."""
     fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    fig.suptitle(textwrap.shorten(run.title, round(11 * width), placeholder=" ..."), x=0.01, ha="left")
+    fig.suptitle(
+        textwrap.shorten(run.title, round(11 * width), placeholder=" ..."), x=0.01, ha="left", parse_math=False
+    )
     return fig
 
 
@@ -129,16 +131,3 @@ def chosen(count: int, most: int) -> np.ndarray:
     if count <= most:
         return np.arange(count)
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
-
-
-def between(values: np.ndarray, at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Linear interpolation along the first axis, outermost values held.
-
-    >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
-    [0.0, 1.0]
-    """
-    k = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, max(0, len(at) - 2))
-    following = np.minimum(k + 1, len(at) - 1)
-    step = at[following] - at[k]
-    weight = np.clip((wanted - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
-    return (1.0 - weight)[:, None] * values[k] + weight[:, None] * values[following]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.mesh import centres
+from flashtemp.tables import between
 from flashtemp.viz import theme
 from flashtemp.viz.clock import ends
 
@@ -19,15 +20,15 @@ NAMED = 0.85  # the wake is named where it takes more than the rest of the axis
 def side_wall(run, frame: int) -> np.ndarray:
     """Block temperature (ROWS, COLUMNS) over z and x; in 2D the side wall is the section of the block."""
     mesh = run.mesh
-    T = theme.between(run.field[frame][mesh.block], run.x, _pixels(0.0, mesh.x[mesh.last], COLUMNS))
-    return theme.between(T.T, centres(mesh.height), _pixels(0.0, mesh.height[-1], ROWS))
+    T = between(run.field[frame][mesh.block], run.x, _pixels(0.0, mesh.x[mesh.last], COLUMNS))
+    return between(T.T, centres(mesh.height), _pixels(0.0, mesh.height[-1], ROWS))
 
 
 def contact(run, frame: int) -> np.ndarray:
     """Temperature in the spots (1, COLUMNS) along the block, nan where the block does not touch the road."""
     mesh, k = run.mesh, run.frames[frame]
     x = _pixels(0.0, mesh.x[mesh.last], COLUMNS)
-    spots = theme.between(run.T_spot[k][:, None], run.x, x).T
+    spots = between(run.T_spot[k][:, None], run.x, x).T
     line = np.searchsorted(mesh.x[mesh.first : mesh.last + 1], x, side="right") - 1
     return np.where(run.pressure[k][line] > 0, spots, np.nan)
 
@@ -36,7 +37,7 @@ def wake(run, frame: int) -> np.ndarray:
     """Road surface (1, COLUMNS) from the trailing edge to the end of the road shown, mean of the lanes."""
     mesh = run.mesh
     x = _pixels(mesh.x[mesh.last], mesh.x[-1], COLUMNS)
-    return theme.between(surface(run, frame)[:, None], mesh.x_centre[mesh.last :], x).T
+    return between(surface(run, frame)[:, None], mesh.x_centre[mesh.last :], x).T
 
 
 def surface(run, frame: int) -> np.ndarray:

@@ -26,9 +26,10 @@ class Alignment:
     refused: tuple[float, float] | None = None
 
 
-def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0) -> Alignment:
+def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) -> Alignment:
     """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
 
+    `plain` is what is seen without a shift; it comes back where none is found.
     `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A single row of pixels cannot be shifted
     across, nor can the wake across y: only its rims would tell, and they are left out.
     """
@@ -36,9 +37,9 @@ def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0
     if recording.view == "wake":
         axes = [a for a in axes if a == 0]
     shift = np.zeros(2)
-    seen = observe(run, scene, recording, acting)
+    seen, acting = plain, scene.acting
     if known <= 0.0 or not axes:
-        return Alignment((0.0, 0.0), (0.0, 0.0), seen)
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain)
     for _ in range(8):
         left = _column(weigh, recording.temperature - seen.temperature, seen)
         slopes = []
@@ -56,7 +57,7 @@ def align(run, scene, recording: Recording, weigh, acting=(), known: float = 0.0
             break
     if np.abs(shift).max() > FAR * known:
         best = tuple(map(float, shift))
-        return Alignment((0.0, 0.0), (0.0, 0.0), observe(run, scene, recording, acting), best)
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain, best)
     error = np.zeros(2)
     error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
     return Alignment(tuple(map(float, shift)), tuple(map(float, error)), seen)

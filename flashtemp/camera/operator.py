@@ -16,6 +16,7 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.laws import Laws
 from flashtemp.scene import KELVIN, Acting, Scene
+from flashtemp.tables import between
 
 TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
@@ -83,9 +84,8 @@ def _films(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Heat-transfer coefficient (frames,) W/m2K of the block's walls."""
     films = Laws(scene).films.get("block.leading", [])
     out = np.zeros(len(times))
-    phases = scene.schedule.phases
     for i, t in enumerate(times):
-        phase = next((p for p in phases if p.begin <= t <= p.end), phases[-1])
+        phase = scene.schedule.phase(t)
         now = scene.moment(phase, min(max(t, phase.begin), phase.end))
         out[i] = sum(part.law(now, p) for part, p, _ in films)
     return out
@@ -114,8 +114,8 @@ def observe(
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
-    may be complex for their derivatives.  Fields of the run are
-    interpolated in time; a run that kept them at `Instrument.times` loses nothing.
+    may be complex for their derivatives.  Fields of the run are interpolated in time; a run that kept them
+    at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting)
     times = np.clip(camera.times(), 0.0, run.time[-1])
@@ -151,30 +151,21 @@ def _body(run, scene, recording, times):
     mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
     x = np.concatenate([edges[:1], run.x, edges[1:]])
     if recording.view == "profile":
-        return _ends(_between(run.time, run.T_block, times)[:, None], 2), x, np.zeros(1)
+        return _ends(between(run.T_block, run.time, times)[:, None], 2), x, np.zeros(1)
     if recording.view == "wake":
         behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
         half = 0.5 * scene.width
-        T = _ends(_between(run.time, run.T_wake, times), 1)[:, None]
+        T = _ends(between(run.T_wake, run.time, times), 1)[:, None]
         return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
     height = mesh.height
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
-    cells = _between(run.time[run.frames], run.field[:, mesh.block].astype(float), times)
-    face = _between(run.time[run.frames], run.T_block[run.frames], times)
+    kept = run.time[run.frames]
+    cells = between(run.field[:, mesh.block].astype(float), kept, times)
+    face = between(run.T_block[run.frames], kept, times)
     section = np.concatenate([face[..., None], cells, cells[..., -1:]], axis=2)
     air = scene.ambient - KELVIN
     factor = wall_cooling(scene, _films(scene, times), z, times)
     return np.swapaxes(air + (_ends(section, 1) - air) * factor[:, None], 1, 2), x, z
-
-
-def _between(at: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Values (n, ...) kept at times `at` (s), linear between them."""
-    k = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(len(at) - 2, 0))
-    after = np.minimum(k + 1, len(at) - 1)
-    step = at[after] - at[k]
-    weight = np.clip((times - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
-    weight = weight.reshape(-1, *[1] * (values.ndim - 1))
-    return (1.0 - weight) * values[k] + weight * values[after]
 
 
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:

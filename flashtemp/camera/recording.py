@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -176,9 +176,8 @@ def load(path) -> Recording:
     flat = view == "profile"
     if not flat and "v" not in ds.variables:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
-    known = {f.name for f in fields(Recording)} & set(OPTIONAL)
     given = {}
-    for name in known & set(ds.attrs):
+    for name in OPTIONAL.keys() & set(ds.attrs):
         with contextlib.suppress(TypeError, ValueError):
             given[name] = float(ds.attrs[name])
         if name not in given:

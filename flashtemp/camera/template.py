@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.keys import read_toml
 
 CHOICES = {
     "view": ("sidewall", "wake", "profile"),
@@ -221,9 +221,7 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
     Raises BadInput with every fault at once, one line each.
     """
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise BadInput(f"{path}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
+        _, raw = read_toml(path)
     except OSError as fault:
         raise BadInput(f"{path}: no such file; give a recording template or write one with --template") from fault
     known = {f.name: f.type for f in fields(Facts)}

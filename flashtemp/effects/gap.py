@@ -2,13 +2,11 @@
 
 >>> from types import SimpleNamespace as N
 >>> [film] = Gap().heat(None, None)
->>> float(film.law(N(touching=True, spot_fraction=0.2), N(gap_coefficient=10.0)))
+>>> film.law(N(touching=True, covered=0.2), N(gap_coefficient=10.0))
 8.0
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from flashtemp.effect import Effect, Heat, Param
 
@@ -28,6 +26,6 @@ class Gap(Effect):
         """Film on the face while it touches the road."""
 
         def law(now, p):
-            return (1.0 - np.mean(now.spot_fraction)) * p.gap_coefficient if now.touching else 0.0
+            return (1.0 - now.covered) * p.gap_coefficient if now.touching else 0.0
 
         yield Heat.film("block.face", law)

@@ -72,7 +72,7 @@ class Lanes(Effect):
         D, material, L = scene.spot_diameter, scene.road, scene.length
 
         def law(T, now, p):
-            phi = np.mean(now.spot_fraction)
+            phi = now.covered
             if np.real(phi) >= 1.0:
                 return 1.0
             slid_for = now.contact_time - now.waited

@@ -34,9 +34,10 @@ class Balance:
         rc[mesh.block], k[mesh.block] = scene.block.volumetric_capacity, scene.block.conductivity
         rc[mesh.road], k[mesh.road] = scene.road.volumetric_capacity, scene.road.conductivity
         self.capacity = rc * mesh.volume
-        self.half_x = mesh.width / (2 * k * mesh.thickness)
+        along = np.where(mesh.level < mesh.n_road, 1.0, self.laws("block.conductivity_along", 1.0, None, None))
+        self.half_x = mesh.width / (2 * k * along * mesh.thickness)
         self.half_z = mesh.thickness / (2 * k * mesh.width)
-        self.gx, self.gz = np.empty(self.n), np.empty(self.n)
+        self.gx, self.gz = np.empty_like(self.half_x), np.empty(self.n)
         self.ones = np.ones(self.n)
         kernels.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, self.ones, self.gx, self.gz)
         self.g_in = 1.0 / self.half_x[: mesh.n_road]
@@ -50,7 +51,7 @@ class Balance:
         self._deposits()
         self.share = self._reference_fraction()
         self.sites = Sites(scene, self.laws, k)
-        self.ledger = LEDGER + tuple(sorted(self.sites.ledgers()))
+        self.ledger = LEDGER + tuple(sorted(self.sites.ledgers() - set(LEDGER)))
         self.worn = slice(self.n, self.n + len(self.cell_block))
         self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
         self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -96,6 +97,11 @@ def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem
     return assemble(raw, given, keys.Places(str(file), text, set(given)), file.parent, name)
+
+
+def load_with(case: Case, overrides: dict[str, Any]) -> Case:
+    """A case with other values of some keys, checked anew.  Raises BadInput."""
+    return assemble(tomllib.loads(case.toml()), overrides, keys.Places(case.name), case.folder, case.name)
 
 
 def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path, name: str) -> Case:

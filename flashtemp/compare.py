@@ -184,25 +184,36 @@ def conditions(campaign: Campaign) -> list[tuple[dict, list[View], list[Force]]]
 
 def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene, Run]:
     """March the believed case under one condition, with fields at all times that its recordings show."""
-    case = campaign.load(given)
-    seen = [v.recording for v in views if v.recording.view == "wake"]
-    behind = max((r.u[-1] + MARGIN * r.pitch[0] for r in seen), default=0.0) - case["block.length"]
-    if behind > 10.0:
-        far = max((v for v in views if v.recording.view == "wake"), key=lambda v: v.recording.u[-1])
-        raise BadInput(f"{far.file}: u: {far.recording.u[-1]:g} m is too far behind the block; give u in m, below 10 m")
-    if seen:
-        shown = {"road.downstream": max(float(behind), case["road.downstream"])}
-        case = campaign.load(given | shown | {"numerics.behind": min(WAKE, case["numerics.behind"])})
+    case = campaign.load(given | window(campaign.load(given), views))
     scene = cases.build(case)
     for view in views:
-        _check(view, scene)
-    acting = scene.acting
-    times = {float(t) for v in views for t in Instrument(v.recording, acting).times() if 0.0 <= t <= scene.schedule.end}
-    settings = replace(cases.settings(case), times=tuple(sorted(times)), fields=2)
+        check(view, scene)
+    settings = replace(cases.settings(case), times=moments(views, scene), fields=2)
     return scene, march(scene, settings, case.title)
 
 
-def _check(view: View, scene: Scene) -> None:
+def window(case: cases.Case, views) -> dict[str, Any]:
+    """Overrides of a case so that its road reaches as far behind the block as the recordings look."""
+    wakes = [v for v in views if v.recording.view == "wake"]
+    if not wakes:
+        return {}
+    far = max(wakes, key=lambda v: v.recording.u[-1])
+    behind = max(v.recording.u[-1] + MARGIN * v.recording.pitch[0] for v in wakes) - case["block.length"]
+    if behind > 10.0:
+        raise BadInput(f"{far.file}: u: {far.recording.u[-1]:g} m is too far behind the block; give u in m, below 10 m")
+    return {
+        "road.downstream": max(float(behind), case["road.downstream"]),
+        "numerics.behind": min(WAKE, case["numerics.behind"]),
+    }
+
+
+def moments(views, scene: Scene) -> tuple[float, ...]:
+    """All times (s) that the frames of recordings show."""
+    shown = {float(t) for v in views for t in Instrument(v.recording, scene.acting).times()}
+    return tuple(sorted(t for t in shown if 0.0 <= t <= scene.schedule.end))
+
+
+def check(view: View, scene: Scene) -> None:
     """BadInput unless the frames of a recording belong to the schedule of its condition."""
     schedule, time = scene.schedule, view.recording.time
     late = np.flatnonzero(time > schedule.end * (1 + ROUNDED))
@@ -238,33 +249,44 @@ def see(run: Run, scene: Scene, view: View) -> Seeing:
     guess = noise(left(plain), *stated)
     found = align(run, scene, recording, plain, lambda r: whiten(r, guess), recording.registration_sigma_px or 0.0)
     residual = left(found.seen)
-    level = noise(residual, *stated)
+    return judge(
+        view, found.seen.temperature, residual, noise(residual, *stated), found.shift, found.error, found.refused
+    )
+
+
+def judge(view: View, predicted, residual, level: Noise, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None) -> Seeing:
+    """A recording against a prediction, residual (frames, nv, nu) K, with its noise and shift found already."""
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
     count = int(good.sum())
-    fitted = sum(e > 0 for e in found.error)
     return Seeing(
         view=view,
-        predicted=found.seen.temperature,
+        predicted=predicted,
         residual=residual,
         sigmas=sigmas,
         noise=level,
-        shift=found.shift,
-        shift_refused=found.refused,
-        shift_error=found.error,
+        shift=shift,
+        shift_refused=refused,
+        shift_error=error,
         rmse_K=float(np.sqrt(np.mean(residual[good] ** 2))) if count else float("nan"),
         bias_K=float(np.mean(residual[good])) if count else float("nan"),
-        chi2_per_dof=float(np.sum(sigmas[good] ** 2) / max(count - fitted, 1)),
+        chi2_per_dof=float(np.sum(sigmas[good] ** 2) / max(count - sum(e > 0 for e in error), 1)),
         pixels=count,
-        largest=structured(residual, level, recording),
+        largest=structured(residual, level, view.recording),
         correlation={name: lag_one(sigmas, axis) for axis, name in ((2, "u"), (1, "v"), (0, "time"))},
     )
 
 
 def pull(run: Run, force: Force) -> Pulling:
     """One load-cell trace against a run of its condition; readings while nothing slides are left out."""
-    good = np.isfinite(run.friction)
-    time, mu = np.array(force.time), np.array(force.mu)
+    on, predicted = grip(run, force)
+    residual = np.where(on, np.array(force.mu) - predicted, np.nan)
+    return judge_pull(force, predicted, residual)
+
+
+def grip(run: Run, force: Force) -> tuple[np.ndarray, np.ndarray]:
+    """Which readings (n,) of a load cell were taken while the block slides, and the friction predicted for them."""
+    good, time = np.isfinite(run.friction), np.array(force.time)
     if time[-1] > run.time[-1] * (1 + ROUNDED):
         raise BadInput(
             f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
@@ -273,11 +295,13 @@ def pull(run: Run, force: Force) -> Pulling:
     on = np.interp(time, run.time, run.sliding.astype(float)) > 0.99
     if not on.any():
         raise BadInput(f"{force.file}: time_s: no reading was taken while the block slides; check the times")
-    predicted = np.interp(time, run.time[good], run.friction[good])
-    residual = np.where(on, mu - predicted, np.nan)
+    return on, np.interp(time, run.time[good], run.friction[good])
+
+
+def judge_pull(force: Force, predicted, residual) -> Pulling:
+    """A load-cell trace against a prediction, residual (n,) NaN where not compared."""
     kept = residual[np.isfinite(residual)]
-    steps = np.diff(kept, n=2) / np.sqrt(6.0)
-    sigma = force.sigma or float(max(1.4826 * np.median(np.abs(steps)), 1e-6) if len(steps) else 1e-3)
+    sigma = force.sigma or scatter(kept)
     return Pulling(
         force, predicted, residual, sigma,
         rmse=float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan"),
@@ -285,3 +309,9 @@ def pull(run: Run, force: Force) -> Pulling:
         chi2_per_dof=float(np.mean((kept / sigma) ** 2)) if len(kept) else float("nan"),
         correlation={"time": lag_one(kept / sigma, 0)},
     )  # fmt: skip
+
+
+def scatter(residual: np.ndarray) -> float:
+    """Standard deviation of one reading (n,) that changes slowly otherwise, from second differences."""
+    steps = np.diff(residual, n=2) / np.sqrt(6.0)
+    return float(max(1.4826 * np.median(np.abs(steps)), 1e-6) if len(steps) else 1e-3)

@@ -23,7 +23,8 @@ class Param:
     """A declared parameter: default `value`, `unit`, bounds, and the value `off` that does nothing.
 
     `kinds` says what a case may give: "number", "text" (a file or a keyword), "table" (a law or a
-    list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it.
+    list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it; where it
+    is fitted it may differ from its default by a factor `spread`.
     """
 
     value: Any
@@ -33,6 +34,7 @@ class Param:
     high: float = inf
     off: float | None = None
     open_low: bool = False
+    spread: float = 1.0
     kinds: tuple[str, ...] = ("number",)
 
     def fault(self, value: Any) -> str | None:
@@ -111,6 +113,7 @@ class Effect:
     cause: ClassVar[str] = ""
     source: ClassVar[str] = ""
     tells: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
 

@@ -69,8 +69,11 @@ def march(
     title: str = "",
     state: Progress | None = None,
     watch: Callable[[Progress], bool] | None = None,
+    beside=None,
 ) -> Run:
     """Integrate the scene over its whole schedule and return the Run.
+
+    `beside` is told about every stretch and every restart (`tangent.Neighbours`).
 
     `watch(progress)` is called after every internal step; returning True stops the march with
     KeyboardInterrupt, `progress` then holds all that is needed to go on.  Raises SolverFailure
@@ -81,24 +84,30 @@ def march(
     now = state or Progress(y=balance.initial(), left=np.zeros(2))
     spent = now.wall
     if now.track is None and scene.schedule.lap is not None:
-        now.track = replace(_track(scene), **(now.columns or {}))
+        now.track = replace(lap_memory(scene), **(now.columns or {}))
     phases = scene.schedule.phases
     resumed = state is not None
     while now.phase < len(phases):
         phase = phases[now.phase]
         if not resumed and phase.sliding and phase.begin == phase.start and now.phase > 0:
-            _restart(scene, balance, phases[now.phase - 1], now)
-        _stretch(balance, phase, settings, now, resumed, watch, spent, began)
+            old = now.y
+            restart(scene, balance, phases[now.phase - 1], now)
+            if beside is not None:
+                beside.restart(phases[now.phase - 1], old, now.y)
+        path = [] if beside is not None else None
+        _stretch(balance, phase, settings, now, resumed, watch, spent, began, path)
+        if beside is not None:
+            beside.stretch(phase, path, now.records)
         resumed = False
         now.phase += 1
     now.wall = spent + clock.perf_counter() - began
-    return _finish(scene, balance, now, title)
+    return finish(scene, balance, now, title)
 
 
-def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> None:
-    """One phase: integrate, record, keep what leaves on the track."""
+def _stretch(balance, phase, settings, now, resumed, watch, spent, began, path) -> None:
+    """One phase: integrate, record, keep what leaves on the track; `path` gets every step."""
     scene = balance.scene
-    stage = Stage(balance, phase, _inflow(scene, phase, now.track))
+    stage = Stage(balance, phase, inflow(scene, phase, now.track))
     tol = Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, phase.end - phase.begin)
     solver = Integrator(settings.binding, stage, tol)
     times = record_times(phase, scene.schedule, settings).tolist()
@@ -114,15 +123,19 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began) -> Non
     try:
         if times and times[0] <= t + tiny:
             at = times.pop(0)
-            _record(balance, stage, at, y, now, at in keep)
+            record(balance, stage, at, y, now, at in keep)
         solver.start(t, y, phase.end)
+        if path is not None:
+            path.append((t, y))
         while phase.end - t > tiny:
             t, y = solver.step()
+            if path is not None:
+                path.append((t, y))
             while times and times[0] <= t + tiny:
                 at = times.pop(0)
-                _record(balance, stage, at, y if abs(at - t) <= tiny else solver.at(at), now, at in keep)
+                record(balance, stage, at, y if abs(at - t) <= tiny else solver.at(at), now, at in keep)
             if now.track is not None and phase.sliding:
-                _leave(scene, stage, t, y, now.track)
+                leave(scene, stage, t, y, now.track)
             now.t, now.y = t, y
             now.steps = before + solver.steps
             now.wall = spent + clock.perf_counter() - began
@@ -158,19 +171,19 @@ def _explain(balance, stage, t, y, fault) -> str:
     )
 
 
-def _track(scene: Scene) -> Track:
+def lap_memory(scene: Scene) -> Track:
     film = sum(
         part.law(scene.moment(scene.schedule.phases[0], 0.0), a.p)
         for a in scene.acting
         for part in a.contributions(scene)
-        if getattr(part, "site", "") == "road.free"
+        if getattr(part, "site", "") == "road.free" and part.kind == "film"
     )
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     return Track(scene.track_length, dz, scene.road.conductivity, scene.road.volumetric_capacity, film, lateral)
 
 
-def _inflow(scene, phase, track):
+def inflow(scene, phase, track):
     if track is None:
         return None
 
@@ -181,7 +194,7 @@ def _inflow(scene, phase, track):
     return carried
 
 
-def _leave(scene, stage, t, y, track) -> None:
+def leave(scene, stage, t, y, track) -> None:
     """Keep the column that leaves the window, at most 400 per lap."""
     now = stage.moment(t)
     place = stage.phase.slid_before + now.slid - scene.mesh.x[-1]
@@ -191,12 +204,12 @@ def _leave(scene, stage, t, y, track) -> None:
     track.leave(t, place, column - drift, stage.entering(now) - drift, stage.meet(now, y).state.covered)
 
 
-def _restart(scene, balance, before, now) -> None:
+def restart(scene, balance, before, now) -> None:
     """The road at a new start: spread sideways where the block rested on it, else forgotten or carried."""
     road = scene.mesh.road
     y = now.y.copy()
     old = balance.stored(y)
-    stage = Stage(balance, before, _inflow(scene, before, now.track))
+    stage = Stage(balance, before, inflow(scene, before, now.track))
     moment = stage.moment(before.end)
     rise = np.zeros(balance.n)
     rise[road] = stage.entering(moment)
@@ -213,7 +226,7 @@ def _restart(scene, balance, before, now) -> None:
     now.y = y
 
 
-def _record(balance, stage, t, y, now, frame) -> None:
+def record(balance, stage, t, y, now, frame) -> None:
     """Append surface profiles, friction, ledger and the cell temperatures at time t."""
     scene, mesh, n = balance.scene, balance.scene.mesh, balance.n
     moment = stage.moment(t)
@@ -273,7 +286,7 @@ def _record(balance, stage, t, y, now, frame) -> None:
         now.records.setdefault(name, []).append(value)
 
 
-def _finish(scene, balance, now, title) -> Run:
+def finish(scene, balance, now, title) -> Run:
     r = now.records
     energy = dict(zip(r["ledger"], np.array(r["energy"]).T, strict=True))
     statistics = {

@@ -7,7 +7,6 @@ within what is known of them, and is sealed in a file of its own that nothing el
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -166,8 +165,7 @@ def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
     given = given | {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE}
-    raw = tomllib.loads(case.toml()) | {"effects": effects}
-    return cases.assemble(raw, given, cases.keys.Places(case.name), case.folder, case.name)
+    return cases.load_with(case, given | {"effects": effects})
 
 
 def _condition(made: cases.Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:

@@ -28,7 +28,7 @@ OPTIONAL = [n for n in EVERY if not catalogue()[n].base]
 BASE = [n for n in EVERY if catalogue()[n].base]
 HEATING = [n for n in OPTIONAL if catalogue()[n].heat is not Effect.heat]  # the others act on the picture only
 NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]}}
-WITH = {"wear": ("edge_pressure",)}  # a uniform pressure wears evenly and stays uniform
+WITH = {"wear": ("edge_pressure",), "evaporation": ("track_memory",)}
 ARRAYS = (
     "time",
     "repetition",

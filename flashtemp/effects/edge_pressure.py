@@ -21,7 +21,7 @@ class EdgePressure(Effect):
     tells = ("hot spot near the leading edge",)
 
     B = Param(4.0, "1", "height of the peak over the mean pressure", low=-1.0, high=30.0, off=0.0)
-    length = Param(2.5e-3, "m", "decay length of the peak", low=0.0, high=0.1, open_low=True)
+    length = Param(2.5e-3, "m", "decay length of the peak", low=0.0, high=0.1, open_low=True, spread=2.0)
 
     def heat(self, scene, p):
         """Adds to local over mean pressure; the mean over the block is zero."""

@@ -17,6 +17,7 @@ class FrictionMoment(Effect):
     cause = "the friction force tips the block onto its leading edge"
     source = "moment balance, theory 7.1; rotation stiffness K = 1/compliance"
     tells = ("leading edge pressed harder, the more so the higher friction", "does not vanish with wear")
+    alike = "pressure_tilt"
 
     compliance = Param(
         0.01, "rad/(N m)", "turn of the holder per moment; 0 guides it, 'inf' lets it turn freely",

@@ -19,7 +19,7 @@ class HeatDepth(Effect):
     tells = ("more heat stays in the block", "temperature maximum below the surface")
 
     share = Param(0.2, "1", "share of the friction heat released at depth", low=0.0, high=1.0, off=0.0)
-    depth = Param(1e-4, "m", "e-folding depth of that heat", low=5e-8, high=5e-3)
+    depth = Param(1e-4, "m", "e-folding depth of that heat", low=5e-8, high=5e-3, spread=3.0)
 
     def heat(self, scene, p):
         """One deposit."""

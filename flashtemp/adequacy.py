@@ -1,0 +1,104 @@
+"""Is the best model good enough?  Gates that stay shut while it is, and tests of structure calibrated by simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.fit import Fit, Study, solved
+from flashtemp.gram import Block, residual
+from flashtemp.residual import lag_one
+from flashtemp.study import GROUPS, MODE
+from flashtemp.verdict import Test
+
+FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
+PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
+TOYS = 200
+
+
+def generic(study: Study, fit: Fit) -> float:
+    """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions."""
+    more = {n: v for n, v in fit.priors.items() if n.split(".")[0] in fit.model.effects}
+    base, _, _ = solved(study, fit.system, fit.model, fit.shifts, more)
+    free = {
+        n: (0.0, FLUX / int(n.split(":")[1].split("|")[0]) ** 0.5)
+        for n in fit.system.names
+        if n.startswith(("flux:", "trend:"))
+    }
+    return solved(study, fit.system, fit.model, fit.shifts, more | free)[0].ln_evidence - base.ln_evidence
+
+
+def mode_pulls(fit: Fit) -> float:
+    """chi2 of the pressure modes against their prior, at its nominal width."""
+    names = [n for n in fit.solution.names if n.startswith("mode:")]
+    return float(sum((fit.solution[n] / (MODE / int(n[5:]))) ** 2 for n in names))
+
+
+def pulls(fit: Fit) -> dict[str, float]:
+    """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
+    out = {}
+    for n in fit.solution.names:
+        mean, sd = fit.priors[n]
+        kind = n.partition("|")[0].split(":")[0]
+        out[n] = (fit.solution[n] - mean) / GROUPS.get(kind, sd)
+    return out
+
+
+def excess(fit: Fit) -> dict[str, float]:
+    """chi2 per datum of every recording and trace, less one, in standard errors of noise alone."""
+    out = {}
+    for block in fit.blocks:
+        left = residual(block, fit.solution)
+        out[block.label] = float((np.mean(left**2) - 1.0) * np.sqrt(block.count / 2.0))
+    return out
+
+
+def structure(fit: Fit, seed: int, stage: str) -> list[Test]:
+    """Structure in what is left, with the share of simulated noise-only data that shows more.
+
+    Toys are noise projected like the data were; statistics: correlation of neighbouring pixels of the mean over
+    frames, drift over frames, and the largest mean of any frame.
+    """
+    rng = np.random.default_rng(seed)
+    out = []
+    for block, (at, _, _, _) in zip(fit.blocks, fit.system.parts, strict=True):
+        own = [i for i, k in enumerate(at) if fit.system.names[k] in fit.solution.names]
+        columns = sorted({block.names[i][1] for i in own})
+        C = block.C[:, columns].astype(float)
+        Q = np.linalg.qr(C)[0] if C.size and len(C) > C.shape[1] else np.zeros((len(block.r), 0))
+        left = residual(block, fit.solution)
+        found = _statistics(left)
+        toys = np.empty((TOYS if len(left) < 5e4 else TOYS // 4, len(found)))
+        for i in range(len(toys)):
+            noise = rng.normal(size=len(left))
+            toys[i] = _statistics(noise - Q @ (Q.T @ noise))
+        for j, (name, value) in enumerate(found.items()):
+            p = float((1 + np.sum(np.abs(toys[:, j]) >= abs(value))) / (1 + len(toys)))
+            out.append(Test(name, block.label, float(value), p, stage))
+    return out
+
+
+def _statistics(left: np.ndarray) -> dict[str, float]:
+    return {
+        "mean square": float(np.mean(left**2)),
+        "correlation of neighbours": lag_one(left, 0)[0],
+    }
+
+
+def near_contact(view, residual: np.ndarray) -> float:
+    """Root mean square (K) of the mean over frames in the two rows of pixels nearest to the contact."""
+    v = view.recording.v
+    rows = np.argsort(np.abs(v))[:2] if view.recording.view == "sidewall" else np.arange(len(v))
+    with np.errstate(all="ignore"):
+        mean = _mean(residual[:, rows])
+    return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
+
+
+def mean_map(residual: np.ndarray) -> float:
+    """Root mean square (K) of the mean over frames."""
+    mean = _mean(residual)
+    return float(np.sqrt(np.nanmean(mean**2)))
+
+
+def _mean(values: np.ndarray) -> np.ndarray:
+    n = np.isfinite(values).sum(axis=0)
+    return np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)

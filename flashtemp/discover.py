@@ -1,0 +1,156 @@
+"""What a model misses: calibrate, score every candidate, refit the best, extend, and judge on what no fit has seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from flashtemp.fit import Descent, Fit, descend, extra
+from flashtemp.look import Look, Wanted
+from flashtemp.model import Candidate, Model
+from flashtemp.score import Score, pairs, scores
+from flashtemp.study import MODES, Data, Study
+
+NAMED, WEAK = 8.0, 5.0  # ln Bayes factors: of a named cause, and of a hint
+APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
+MOST = 3  # causes
+SHORT = 3  # candidates refitted
+SIMILAR = 0.4  # of the best score: what is refitted beside it
+HOPELESS = 40.0  # behind the best: a refit goes no further
+COARSE = (0.5, 0.7)  # cells per direction of the runs that tell what the mesh gets wrong
+
+
+@dataclass
+class Search:
+    """A campaign on its way to a verdict: `base` calibrated, `best` extended; `tried` {effects: fit} of every refit;
+    `ranking` the candidates' scores at the base and at every extension."""
+
+    study: Study
+    data: Data
+    watch: Callable[[str], Any]
+    base: Fit | None = None
+    best: Fit | None = None
+    fits: dict[frozenset[str], Fit] = field(default_factory=dict)
+    ranking: list[list[Score]] = field(default_factory=list)
+    failed: str = ""
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    # --- calibration ---------------------------------------------------------------------------
+    def calibrate(self) -> None:
+        """The base model at its best point, with traces of all nuisances; `failed` says why there is none."""
+        began = time.monotonic()
+        model = Model({k: 0.0 for k in self.study.campaign.free})
+        wanted = Wanted(scatter=True, modes=MODES, trends=True)
+        descent = Descent(self.study, self.data, model, {}, wanted=wanted)
+        self.watch("calibrating the model that is believed")
+        first = self.study.run(descent.tasks())
+        coarse = [self.study.run(self.study.tasks(model, Wanted(), {}, c)) for c in COARSE]
+        for answer in (*first, *(a for looks in coarse for a in looks)):
+            if isinstance(answer, Exception):
+                raise answer
+        self.data.fix(first, coarse)
+        self.base = self._descend([self._from(model, {}, [], first)])[0]
+        self.seconds["calibration"] = time.monotonic() - began
+
+    def _from(self, model, shifts, effects: list[Candidate], first: list[Look] | None = None) -> Descent:
+        descent = Descent(self.study, self.data, model, dict(shifts), extra(effects))
+        if first is not None:
+            descent.take(first)
+        return descent
+
+    def _descend(self, descents: list[Descent]) -> list[Fit | None]:
+        descend(self.study, descents, self.watch, HOPELESS)
+        for d in descents:
+            if d.fit is None:
+                self.failed = d.failed or self.failed
+        return [d.fit for d in descents]
+
+    # --- candidates ----------------------------------------------------------------------------
+    def traced(self, fit: Fit) -> Fit:
+        """A fit with the traces of all candidates at its point."""
+        self.watch("traces of the candidate effects")
+        descent = self._from(fit.model, fit.shifts, self._candidates(fit.model))
+        descent.bound = set(fit.bound)
+        descent.wanted = Wanted(candidates=tuple(c for c in self.study.tried if c.effect not in fit.model.effects))
+        looks = self.study.run(descent.tasks())
+        for answer in looks:
+            if isinstance(answer, Exception):
+                raise answer
+        descent.take(looks)
+        return descent.fit
+
+    def _candidates(self, model: Model) -> list[Candidate]:
+        return [c for c in self.study.tried if c.effect in model.effects]
+
+    def extend(self) -> None:
+        """Add the best candidate, or pair, as long as the evidence asks for it."""
+        self.best = self.traced(self.base)
+        self.base = self.best
+        self.fits[frozenset()] = self.best
+        for depth in range(MOST):
+            began = time.monotonic()
+            ranked = scores(self.study, self.best, list(self.study.tried))
+            self.ranking.append(ranked)
+            found = self._refit(ranked, depth)
+            self.seconds[f"refits {depth + 1}"] = time.monotonic() - began
+            if found is None:
+                return
+            self.best = self.traced(found)
+            self.fits[frozenset(found.model.effects)] = self.best
+
+    def _refit(self, ranked: list[Score], depth: int) -> Fit | None:
+        """Full fits of the shortlist from the present best; the best of them if it is worth its parameters."""
+        good = [s for s in ranked if s.ln_bayes > WEAK - 2.0][:SHORT]
+        good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - 10.0]
+        self._fit([(s,) for s in good])
+        single = max((f.ln_evidence for k, f in self.fits.items() if len(k) == depth + 1), default=-np.inf)
+        if depth == 0 and len(ranked) > 1:
+            both = pairs(self.study, self.best, ranked)[:2]
+            self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
+        extended = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and f.converged]
+        if not extended:
+            return None
+        best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))
+        gained = best.ln_evidence - self.best.ln_evidence
+        return best if gained > NAMED * (len(best.model.effects) - len(self.best.model.effects)) else None
+
+    def _fit(self, groups: list[tuple[Score, ...]]) -> None:
+        """Full fits of groups of candidates added to the present best."""
+        descents = []
+        for group in groups:
+            model, own = self.best.model, self._candidates(self.best.model)
+            for s in group:
+                model = model.with_effect(s.effect, _inside(s))
+            if frozenset(model.effects) not in self.fits:
+                descents.append(self._from(model, self.best.shifts, [*own, *(s.candidate for s in group)]))
+        if descents:
+            self.watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
+        for d, fit in zip(descents, self._descend(descents), strict=True):
+            if fit is not None and alive(fit):
+                self.fits[frozenset(d.model.effects)] = fit
+
+
+def alive(fit: Fit) -> bool:
+    """Whether every effect of a model still acts: none of its strengths ended at off."""
+    from flashtemp.effect import catalogue
+
+    for name, values in fit.model.effects.items():
+        params = catalogue()[name].params()
+        if all(values[k] == p.off for k, p in params.items() if k in values and p.off is not None):
+            return False
+    return True
+
+
+def _inside(s: Score) -> dict[str, float]:
+    """Start values of a full fit, within bounds and not off."""
+    params, values = s.candidate.kind.params(), dict(s.values)
+    for k, a in s.candidate.strengths.items():
+        p = params[k]
+        values[k] = float(np.clip(values[k], p.low, p.high))
+        if values[k] == p.off:
+            values[k] = float(np.clip(p.off + 0.1 * a, p.low, p.high))
+    return values

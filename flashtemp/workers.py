@@ -1,0 +1,64 @@
+"""Looks by many hands: local processes, or a Dask cluster where its address is given."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from flashtemp.errors import BadInput, FlashtempError
+
+
+def attempt(function: Callable, task: Any) -> Any:
+    """The function's answer, or the failure of the computation itself as an answer."""
+    try:
+        return function(task)
+    except FlashtempError as fault:
+        return fault
+
+
+@contextmanager
+def crew(function: Callable, workers: int | None = None, scheduler: str | None = None) -> Iterator[Callable]:
+    """A function that maps `function` over a list of tasks, in order.
+
+    `workers` processes, as many as the machine has cores when not given; failures of a computation come back
+    as answers.  Raises BadInput when the scheduler cannot be reached.
+    """
+    if scheduler is not None:
+        with _cluster(function, scheduler) as run:
+            yield run
+        return
+    count = workers or os.cpu_count() or 1
+    if count == 1:
+        yield lambda tasks: [attempt(function, t) for t in tasks]
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from functools import partial
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet) as pool:
+        yield lambda tasks: list(pool.map(partial(attempt, function), tasks))
+
+
+def _quiet() -> None:
+    """One thread per process, and Ctrl-C is the parent's to answer."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+@contextmanager
+def _cluster(function: Callable, address: str) -> Iterator[Callable]:
+    try:
+        from dask.distributed import Client
+    except ImportError as fault:
+        raise BadInput("--scheduler: dask.distributed is not installed; pip install 'flashtemp[cluster]'") from fault
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, TimeoutError, ValueError) as fault:
+        raise BadInput(f"--scheduler: {address}: no answer; give the address of a running Dask scheduler") from fault
+    with client:
+        yield lambda tasks: client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])

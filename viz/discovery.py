@@ -1,0 +1,76 @@
+"""The six pictures of a verdict: what is wrong, not noise, missing, why, what else, gained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from flashtemp.viz import causes, evidence, gain, missing, theme, wrong
+
+CAPTIONS = {
+    "what_is_wrong": (
+        "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "
+        "measured minus computed at the moment of the largest difference (red: measured hotter; the black line "
+        "encloses what differs by more than 3 sigma, of which noise alone draws a few specks); at the right T(x), "
+        "where dots off the dashed line show what the base misses and the drawn line, if any, what the extended "
+        "model makes of it."
+    ),
+    "not_noise": (
+        "Each map is the mean over all frames in units of its noise: noise alone looks like pepper and salt with "
+        "0.3 % of the pixels beyond ±3, a patch of one colour is something that the model does not do."
+    ),
+    "missing": (
+        "The heat flux that would have to be added at the contact (left) and the pressure that it stands for "
+        "(right), found without any list of causes: where a band excludes the thin line (0 or 1) something is "
+        "missing, and grey hides what these data cannot resolve."
+    ),
+    "why": (
+        "Each bar says how much more probable the data become with that one effect: beyond the dashed line noise "
+        "alone hardly ever gets; at the right, where it is drawn, points of all conditions must agree with the "
+        "band if the cause is the same everywhere."
+    ),
+    "else": (
+        "Left: dark squares are pairs of effects that leave the same trace in these data, so that one can pass "
+        "for the other; right: what was calibrated, in standard deviations from what was known beforehand, of "
+        "which beyond ±3 is not plausible."
+    ),
+    "gained": (
+        "Squares to dots: how the differences shrink once the cause is in the model; bars away from zero show "
+        "which calibrated parameters had been wrong to make up for it; below, where anything was left out, a "
+        "prediction of it."
+    ),
+}
+ABSENT = {
+    "what_is_wrong": "No recording was kept with this verdict, so no images are shown.",
+    "not_noise": "No recording was kept with this verdict, so no maps are shown.",
+    "missing": "The missing heat flux was not computed for these data.",
+    "why": "No candidate was scored.",
+    "else": "Neither correlations between effects nor calibrated parameters were kept.",
+    "gained": "The model was not extended, so there is nothing to compare.",
+}
+
+
+def figures(verdict) -> dict[str, Figure]:
+    """The pictures that apply to a verdict, by name, in the order in which they are read."""
+    if verdict.kind == "no_verdict":  # what a failed calibration left behind proves nothing
+        return {}
+    alike = verdict.separability is not None and len(verdict.separability[0]) > 0
+    drawn = {
+        "what_is_wrong": (wrong.draw, bool(verdict.before)),
+        "not_noise": (evidence.draw, bool(verdict.before)),
+        "missing": (missing.draw, bool(verdict.missing)),
+        "why": (causes.why, bool(causes.scores(verdict))),
+        "else": (causes.alternatives, alike or bool(verdict.nuisance)),
+        "gained": (gain.draw, gain.applies(verdict)),
+    }
+    return {name: draw(verdict) for name, (draw, applies) in drawn.items() if applies}
+
+
+def draw_all(verdict, folder) -> list[Path]:
+    """Write every picture that applies as a PNG file into a folder that exists; returns their paths."""
+    out = []
+    for name, fig in figures(verdict).items():
+        out.append(Path(folder) / f"{name}.png")
+        fig.savefig(out[-1], dpi=theme.DPI)
+    return out

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.fit import Fit, Study, solved
-from flashtemp.gram import Block, residual
+from flashtemp.gram import residual
 from flashtemp.residual import lag_one
 from flashtemp.study import GROUPS, MODE
 from flashtemp.verdict import Test
 
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
-TOYS = 200
+TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
 
 def generic(study: Study, fit: Fit) -> float:
@@ -55,25 +55,24 @@ def excess(fit: Fit) -> dict[str, float]:
 def structure(fit: Fit, seed: int, stage: str) -> list[Test]:
     """Structure in what is left, with the share of simulated noise-only data that shows more.
 
-    Toys are noise projected like the data were; statistics: correlation of neighbouring pixels of the mean over
-    frames, drift over frames, and the largest mean of any frame.
+    Toys are noise projected like the data were.
     """
     rng = np.random.default_rng(seed)
     out = []
-    for block, (at, _, _, _) in zip(fit.blocks, fit.system.parts, strict=True):
-        own = [i for i, k in enumerate(at) if fit.system.names[k] in fit.solution.names]
-        columns = sorted({block.names[i][1] for i in own})
-        C = block.C[:, columns].astype(float)
-        Q = np.linalg.qr(C)[0] if C.size and len(C) > C.shape[1] else np.zeros((len(block.r), 0))
-        left = residual(block, fit.solution)
+    for block in fit.blocks:
+        used = sorted({c for n, c in block.names if n in fit.solution.names})
+        part = slice(max(0, block.count - LARGEST), None)
+        C = np.concatenate([block.C[part], block.F[part]], axis=1)[:, used].astype(float)
+        left = residual(block, fit.solution)[part]
+        Q = np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
         found = _statistics(left)
-        toys = np.empty((TOYS if len(left) < 5e4 else TOYS // 4, len(found)))
-        for i in range(len(toys)):
+        toys = np.empty((TOYS, len(found)))
+        for i in range(TOYS):
             noise = rng.normal(size=len(left))
-            toys[i] = _statistics(noise - Q @ (Q.T @ noise))
+            toys[i] = list(_statistics(noise - Q @ (Q.T @ noise)).values())
         for j, (name, value) in enumerate(found.items()):
-            p = float((1 + np.sum(np.abs(toys[:, j]) >= abs(value))) / (1 + len(toys)))
-            out.append(Test(name, block.label, float(value), p, stage))
+            far = np.abs(toys[:, j] - np.median(toys[:, j])) >= abs(value - np.median(toys[:, j]))
+            out.append(Test(name, block.label, float(value), float((1 + far.sum()) / (1 + TOYS)), stage))
     return out
 
 
@@ -81,15 +80,22 @@ def _statistics(left: np.ndarray) -> dict[str, float]:
     return {
         "mean square": float(np.mean(left**2)),
         "correlation of neighbours": lag_one(left, 0)[0],
+        "wider than a pixel": float(np.max(np.abs(_runs(left)), initial=0.0)),
     }
+
+
+def _runs(left: np.ndarray, size: int = 8) -> np.ndarray:
+    """Means over runs of neighbouring data, in standard errors."""
+    whole = len(left) // size * size
+    return left[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
 
 
 def near_contact(view, residual: np.ndarray) -> float:
     """Root mean square (K) of the mean over frames in the two rows of pixels nearest to the contact."""
     v = view.recording.v
-    rows = np.argsort(np.abs(v))[:2] if view.recording.view == "sidewall" else np.arange(len(v))
-    with np.errstate(all="ignore"):
-        mean = _mean(residual[:, rows])
+    seen = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
+    rows = seen[np.argsort(np.abs(v[seen]))[:2]]
+    mean = _mean(residual[:, rows])
     return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
 
 

@@ -24,7 +24,8 @@ class Param:
 
     `kinds` says what a case may give: "number", "text" (a file or a keyword), "table" (a law or a
     list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it; where it
-    is fitted it may differ from its default by a factor `spread`.
+    is fitted it may differ from its default by a factor `spread`.  `curved`: the law is flat at `off`, so that
+    only the whole strength shows what it does.
     """
 
     value: Any
@@ -35,6 +36,7 @@ class Param:
     off: float | None = None
     open_low: bool = False
     spread: float = 1.0
+    curved: bool = False
     kinds: tuple[str, ...] = ("number",)
 
     def fault(self, value: Any) -> str | None:

@@ -19,11 +19,8 @@ ANSWER = {
     "no_verdict": ("No verdict: the calibration cannot be relied on", "bad"),
 }
 READING = (
-    (
-        "Base, extended",
-        "The base is the model as it was believed, its uncertain parameters calibrated to these data. The "
-        "extended model is the base with the accepted causes, calibrated again.",
-    ),
+    ("Base", "The model as it was believed, its uncertain parameters calibrated to these data."),
+    ("Extended", "The base with the accepted causes, calibrated again."),
     (
         "ln Bayes factor",
         "How much more probable the data are with the effect than without it, as a natural logarithm, after "
@@ -31,10 +28,7 @@ READING = (
         "nothing is claimed.",
     ),
     ("95 % interval", "Range that holds the true value in 19 of 20 such campaigns, if the model is right otherwise."),
-    (
-        "Distinctness",
-        "How far the trace of an effect differs from that of all others: 0 the same, 1 nothing in common.",
-    ),
+    ("Distinctness", "How far the trace of an effect differs from all others: 0 the same, 1 nothing in common."),
     ("Held out", "Recordings that no fit has seen. A gain there cannot come from a model that merely bends more."),
     ("Detectable", "The amplitude that would have stood out by 5 sigma. A smaller one may be there unseen."),
     ("p", "Share of simulated campaigns with nothing but noise in which the same test comes out at least as large."),
@@ -62,7 +56,7 @@ def page(verdict: Verdict) -> str:
     body = [f"<h1>{escape(title)}</h1>", *_answer(verdict)]
     if whole:
         body += [*_pictures(verdict), *_known(verdict), *_unseen(verdict)]
-    body += [*_next(verdict), *_warnings(verdict), *_certificate(verdict)]
+    body += [*_advice(verdict), *_certificate(verdict)]
     if whole:
         terms = (f"<dt>{escape(term)}</dt>\n<dd>{escape(text)}</dd>" for term, text in READING)
         body += ["<h2>How to read this</h2>", "<dl>", *terms, "</dl>"]
@@ -94,14 +88,15 @@ def _answer(v: Verdict) -> list[str]:
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
     out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
     if v.kind == "no_verdict":
-        out.append(_p("Nothing below the certificate would mean anything, so no cause and no picture is shown."))
+        out.append(_p("Before it is mended nothing else would mean anything: no cause and no picture is shown."))
         return out
     out.append('<div class="key">')
     for cause in v.causes:
         out += _cause(cause)
     if v.group:
         out.append(f"<p>Cannot be told apart: <b>{escape(', '.join(_name(g) for g in v.group))}</b>.</p>")
-        rows = [_needs(r) for r in v.rivals if r.effect in v.group]
+        some = [r for r in v.rivals if r.effect in v.group]
+        rows = [[_name(r.effect), _need(r), _number(r.score), f"{r.distinctness:.2f}"] for r in some]
         out += [report._table(["effect", "would need", "ln Bayes factor", "distinctness"], rows)] if rows else []
     out += [f"<p>{escape(line)}</p>" for line in _gain(v)]
     return [*out, "</div>"]
@@ -116,17 +111,13 @@ def _cause(c: Cause) -> list[str]:
         [
             p.name,
             _pm(p.value, p.stderr, p.unit),
-            f"{_number(p.ci95[0])} to {_number(p.ci95[1])}",
-            "yes: the interval is no longer trustworthy" if p.bound else "no",
+            f"{_number(p.ci95[0])} to {_number(p.ci95[1])}{_unit(p.unit)}" if p.ci95[1] > p.ci95[0] else "–",
+            "yes: its interval means little" if p.bound else "no",
         ]
         for p in c.parameters
     ]
     head = ["parameter", "value ± standard error", "95 % interval", "at its bound"]
     return [line, *([report._table(head, rows)] if rows else [])]
-
-
-def _needs(r: Rival) -> list[str]:
-    return [_name(r.effect), _need(r), _number(r.score), f"{r.distinctness:.2f}"]
 
 
 def _gain(v: Verdict) -> list[str]:
@@ -135,11 +126,11 @@ def _gain(v: Verdict) -> list[str]:
         return []
     b, e = v.base, v.extended
     if e is None:
-        line = f"The base leaves {_number(b.rmse_K)} K root mean square (chi2/dof {_number(b.chi2_per_dof)})"
+        line = f"The base leaves {_number(b.rmse_K)} K root mean square (chi2/dof {_ratio(b.chi2_per_dof)})"
         held = f"; {_number(b.held_out_rmse_K)} K on what was held out" if math.isfinite(b.held_out_rmse_K) else ""
         return [f"{line}{held}."]
     line = f"What it gains: the differences shrink from {_number(b.rmse_K)} K to {_number(e.rmse_K)} K root mean square"
-    line += f" (chi2/dof {_number(b.chi2_per_dof)} to {_number(e.chi2_per_dof)})"
+    line += f" (chi2/dof {_ratio(b.chi2_per_dof)} to {_ratio(e.chi2_per_dof)})"
     if math.isfinite(b.held_out_rmse_K) and math.isfinite(e.held_out_rmse_K):
         line += f", on what no fit has seen from {_number(b.held_out_rmse_K)} K to {_number(e.held_out_rmse_K)} K"
     return [f"{line}."]
@@ -156,10 +147,10 @@ def _pictures(v: Verdict) -> list[str]:
     for number, name in enumerate(discovery.CAPTIONS, 1):
         head = pairs.head(v, name)
         out.append(f"<h2>{number}. {escape(head)}</h2>")
-        if name in figures:
-            out.append(report._figure(figures[name], head, discovery.CAPTIONS[name]))
-        else:
-            out.append(_p(discovery.ABSENT[name]))
+        drawn = name in figures
+        out.append(
+            report._figure(figures[name], head, discovery.CAPTIONS[name]) if drawn else _p(discovery.ABSENT[name])
+        )
         out += tables[name](v) if name in tables else []
     return out
 
@@ -168,8 +159,7 @@ def _chosen(v: Verdict) -> list[str]:
     """Which conditions are drawn."""
     from flashtemp.viz import pairs
 
-    words = pairs.choice(v) if v.before else ""
-    return [_p(words, "small")] if words else []
+    return [_p(words, "small") for words in [pairs.choice(v)] if words]
 
 
 def _tests(v: Verdict) -> list[str]:
@@ -184,18 +174,15 @@ def _rivals(v: Verdict) -> list[str]:
     """Every candidate that was not accepted, best first."""
     taken = {c.effect for c in v.causes}
     some = sorted((r for r in v.rivals if r.effect not in taken), key=lambda r: -r.score)
-    if not some:
-        return [_p("No other candidate was tried.", "small")]
-    head = ["candidate", "would need", "ln Bayes factor", "by", "accepted causes keep", "distinctness",
-            "detectable at 5 sigma", "why not"]  # fmt: skip
+    head = ["candidate", "would need", "ln Bayes factor", "by", "accepted causes keep", "distinctness", "why not"]
     rows = [
         [
-            _name(r.effect), _need(r), _number(r.score), "full fit" if r.refitted else "trace",
-            "–" if r.left is None else _number(r.left), f"{r.distinctness:.2f}", _detectable(r), r.reason,
+            _name(r.effect), _need(r), *_scored(r),
+            "–" if r.left is None else _number(r.left), f"{r.distinctness:.2f}", r.reason,
         ]
         for r in some
     ]  # fmt: skip
-    return [report._table(head, rows)]
+    return [report._table(head, rows) if rows else _p("No other candidate was tried.", "small")]
 
 
 def _before_after(v: Verdict) -> list[str]:
@@ -206,7 +193,10 @@ def _before_after(v: Verdict) -> list[str]:
                 ("near_contact_rmse_K", "near the contact (K)"), ("chi2_per_dof", "chi2/dof (–)"),
                 ("held_out_rmse_K", "held out (K)"), ("held_out_z", "held out, in sigma (–)"))  # fmt: skip
         models = [m for m in (v.base, v.extended) if m is not None]
-        rows = [[words, *(_number(getattr(m, key)) for m in models)] for key, words in told]
+        rows = [
+            [words, *((_number if key.endswith("K") else _ratio)(getattr(m, key)) for m in models)]
+            for key, words in told
+        ]
         rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
         out.append(report._table(["", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
@@ -235,42 +225,37 @@ def _known(v: Verdict) -> list[str]:
 def _unseen(v: Verdict) -> list[str]:
     """The smallest amplitudes that would have been seen."""
     some = [r for r in v.rivals if math.isfinite(r.detectable)]
-    out = ["<h2>Smallest amplitudes that would have been seen</h2>"]
+    head = "<h2>Smallest amplitudes that would have been seen</h2>"
     if not some:
-        return [*out, _p("They were not computed.")]
-    rows = [[_name(r.effect), r.parameter or "amplitude", _detectable(r), _share(r.raw_share)] for r in some]
+        return [head, _p("They were not computed.")]
+    rows = [
+        [_name(r.effect), r.parameter or "amplitude", _detectable(r), f"{_number(100 * r.raw_share)} %"] for r in some
+    ]
     return [
-        *out,
+        head,
         _p("Smaller ones may be there: these data would not show them by 5 sigma."),
         report._table(["effect", "parameter", "detectable at 5 sigma", "share of its signal that is left"], rows),
     ]
 
 
-def _next(v: Verdict) -> list[str]:
-    """What to measure next, where anything was proposed."""
-    if not v.next_experiment:
-        return []
-    return ["<h2>What to measure next</h2>", _p(v.next_experiment)]
-
-
-def _warnings(v: Verdict) -> list[str]:
-    """What a reader must beware of."""
-    if not v.warnings:
-        return ["<h2>Warnings</h2>", _p("None.")]
-    return ["<h2>Warnings</h2>", "<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"]
+def _advice(v: Verdict) -> list[str]:
+    """What to measure next, where anything was proposed, and what to beware of."""
+    after = ["<h2>What to measure next</h2>", _p(v.next_experiment)] if v.next_experiment else []
+    items = ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"] if v.warnings else [_p("None.")]
+    return [*after, "<h2>Warnings</h2>", *items]
 
 
 def _certificate(v: Verdict) -> list[str]:
     """How far the calibration is to be trusted."""
     out = ["<h2>Certificate of convergence</h2>"]
     if v.certificate:
-        rows = [[_name(str(k)), _plain(value)] for k, value in v.certificate.items()]
+        rows = [[_name(k), _plain(value)] for k, value in _flat(v.certificate)]
         out.append(report._table(["calibration", ""], rows))
     else:
         out.append(_p("None was issued."))
     if v.gates:
-        rows = [[_name(k), _number(value), _number(limit)] for k, (value, limit) in v.gates.items()]
-        out.append(report._table(["checked for adequacy", "value", "limit"], rows))
+        rows = [[_name(k), _number(x), _number(most), "no" if x > most else "yes"] for k, (x, most) in v.gates.items()]
+        out.append(report._table(["checked for adequacy", "value", "limit", "within"], rows))
     if v.seconds:
         out.append(_p(f"Computed in {_number(v.seconds)} s.", "small"))
     return out
@@ -286,7 +271,6 @@ def _name(key: str) -> str:
 
 
 def _unit(unit: str) -> str:
-    """A unit with raised numbers; none for a pure number."""
     if unit in ("", "1"):
         return ""
     return " " + unit.replace("m2", "m²").replace("m3", "m³").replace("degC", "°C")
@@ -309,6 +293,10 @@ def _number(value: float) -> str:
     return text.replace("-", "−")
 
 
+def _ratio(value: float) -> str:
+    return f"{value:.2f}" if 0.01 <= value < 10 else _number(value)
+
+
 def _pm(value: float, error: float, unit: str) -> str:
     """A value with its standard error, to two digits of the error.
 
@@ -326,32 +314,37 @@ def _pm(value: float, error: float, unit: str) -> str:
 
 
 def _need(r: Rival) -> str:
-    """The amplitude a candidate would have to have."""
     if not r.amplitude and not r.stderr:
         return "–"
     return f"{r.parameter} = {_pm(r.amplitude, r.stderr, r.unit)}".removeprefix(" = ")
+
+
+def _scored(r: Rival) -> tuple[str, str]:
+    """The ln Bayes factor and what it rests on."""
+    if r.refitted or r.stderr > 0:
+        return _number(r.score), "full fit" if r.refitted else "trace"
+    return "–", "not tried"
 
 
 def _detectable(r: Rival) -> str:
     return _number(r.detectable) + _unit(r.unit) if math.isfinite(r.detectable) else "not in these data"
 
 
-def _share(value: float) -> str:
-    return f"{_number(100 * value)} %"
-
-
 def _chance(p: float) -> str:
     return "below 0.001" if p < 1e-3 else _number(p)
 
 
+def _flat(some: dict, before: str = "") -> list[tuple[str, object]]:
+    """Entries of dictionaries in dictionaries, one after the other."""
+    own = [(f"{before}{k}", v) for k, v in some.items()]
+    return [pair for k, v in own for pair in (_flat(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
+
+
 def _plain(value) -> str:
-    """A value of any kind in words."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):
         return _number(value)
-    if isinstance(value, dict):
-        return "; ".join(f"{_name(str(k))}: {_plain(v)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):
         return ", ".join(_plain(v) for v in value)
     return str(value)

@@ -27,7 +27,7 @@ from flashtemp.tangent import Move, Neighbourhood, explore
 STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
 LAG = 0.02  # s: step of what moves frames in time
-DULL = 5e-3  # K, or as a share of friction in percent: a trace below it is taken again with the whole strength
+DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,9 @@ def look(task: Task) -> Look:
     settings = replace(cases.settings(case), times=tuple(sorted({*frames, *early})), fields=2)
     if moves:
         hood = explore(scene, settings, moves, case.title, frames, bool(task.forces))
-        dull = _dull(hood, moves, task)
-        if dull:
-            hood |= explore(scene, settings, dull, case.title, frames, bool(task.forces))
-            moves |= dull
     else:
         run = march(scene, settings, case.title)
-        hood = Neighbourhood(run, {}, {}, {})
+        hood = Neighbourhood(run, None, {}, {})
     sights: dict[str, Sight] = {}
     for view in task.views:
         sights[view.file] = _view(task, view, scene, hood, moves)
@@ -132,9 +128,10 @@ def _moves(task: Task, case, scene: Scene) -> dict[str, Move]:
             continue
         for number in range(len(c.variants)):
             for k, a in c.strengths.items():
-                off = c.off(number)
-                moved = task.model.with_effect(c.effect, off | {k: off[k] + SHARE * a})
-                moves[c.column(k, number)] = Move(built(moved), SHARE * a)
+                off, step = c.off(number), a if c.kind.params()[k].curved else SHARE * a
+                moves[c.column(k, number)] = Move(
+                    built(task.model.with_effect(c.effect, off | {k: off[k] + step})), step
+                )
     return moves
 
 
@@ -149,24 +146,6 @@ def _own(task: Task, built, name: str) -> Move:
     return Move(built(task.model.moved(name, step)), step)
 
 
-def _dull(hood: Neighbourhood, moves: dict[str, Move], task: Task) -> dict[str, Move]:
-    """Candidates whose law is flat at off, with their whole strength instead."""
-    out = {}
-    for c in task.wanted.candidates:
-        for number in range(len(c.variants)):
-            for k, a in c.strengths.items():
-                name = c.column(k, number)
-                if name not in moves:
-                    continue
-                slope = hood.slope(lambda run: run.T_block, name)
-                if np.abs(slope).max() * abs(a) < DULL:
-                    off = c.off(number)
-                    whole = task.model.with_effect(c.effect, off | {k: off[k] + a})
-                    case = believed(task.case, task.given | task.pins, whole)
-                    out[name] = Move(cases.build(case), a)
-    return out
-
-
 def _view(task: Task, view: View, scene: Scene, hood: Neighbourhood, moves) -> Sight:
     recording, acting = view.recording, scene.acting
     shift = task.shifts.get(view.file, (0.0, 0.0))
@@ -176,12 +155,9 @@ def _view(task: Task, view: View, scene: Scene, hood: Neighbourhood, moves) -> S
 
     seen = observe(hood.run, scene, recording, acting, shift)
     columns: dict[str, np.ndarray] = {}
-    levels: dict[int, np.ndarray] = {}
+    level = see(hood.level) if moves else None
     for name, move in moves.items():
-        level = hood.levels[name]
-        if id(level) not in levels:
-            levels[id(level)] = see(level)
-        columns[name] = (see(hood.moved[name], move.scene, move.scene.acting) - levels[id(level)]) / hood.steps[name]
+        columns[name] = (see(hood.moved[name], move.scene, move.scene.acting) - level) / move.step
     for c in task.wanted.candidates:
         if c.optical:
             for k, a in c.strengths.items():

@@ -37,22 +37,17 @@ class Move:
 class Neighbourhood:
     """A run, and runs (linear in their `steps`) with one parameter moved each.
 
-    `levels` holds the run as each neighbour sees it, on its own times: take differences against it.
+    `level` is the run as the neighbours see it, on their own times: take differences against it.
     """
 
     run: Run
-    levels: dict[str, Run]
+    level: Run | None
     moved: dict[str, Run]
     steps: dict[str, float]
 
     def slope(self, see, name: str) -> np.ndarray:
         """d(see(run))/d(parameter) for any function of a run that returns an array."""
-        return (see(self.moved[name]) - see(self.levels[name])) / self.steps[name]
-
-    def __or__(self, other: Neighbourhood) -> Neighbourhood:
-        """The same run with the neighbours of both; those of `other` win."""
-        pairs = ((getattr(self, k), getattr(other, k)) for k in ("levels", "moved", "steps"))
-        return Neighbourhood(self.run, *(a | b for a, b in pairs))
+        return (see(self.moved[name]) - see(self.level)) / self.steps[name]
 
 
 def explore(
@@ -67,7 +62,7 @@ def explore(
     run = march(scene, settings, title, beside=beside)
     level, *moved = (one.run(title) for one in beside.all)
     runs = dict(zip(moves, moved, strict=True))
-    return Neighbourhood(run, dict.fromkeys(moves, level), runs, {k: m.step for k, m in moves.items()})
+    return Neighbourhood(run, level, runs, {k: m.step for k, m in moves.items()})
 
 
 class _Neighbour:

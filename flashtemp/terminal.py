@@ -51,15 +51,15 @@ def progress_bar(label: str):
 
 def emit(data, as_json: bool, text: str) -> None:
     """The result on stdout, once, in the form asked for."""
-    print(json.dumps(_finite(data), indent=2) if as_json else text)
+    print(json.dumps(finite(data), indent=2) if as_json else text)
 
 
-def _finite(data):
+def finite(data):
     """Data with infinite and undefined numbers as text or null, so that the JSON is valid everywhere."""
     if isinstance(data, dict):
-        return {k: _finite(v) for k, v in data.items()}
+        return {k: finite(v) for k, v in data.items()}
     if isinstance(data, (list, tuple)):
-        return [_finite(v) for v in data]
+        return [finite(v) for v in data]
     if isinstance(data, float) and data != data:
         return None
     if isinstance(data, float) and abs(data) == float("inf"):

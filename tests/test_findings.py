@@ -22,11 +22,28 @@ Test.__test__ = False  # a class of the verdict, not one of pytest
 TITLE = 'run-in <script>alert(1)</script> & "more" $5'
 TIME = np.array([5.0, 20.0, 35.0, 365.0, 380.0, 395.0])
 REPETITION = np.array([1, 1, 1, 10, 10, 10])
-NAMES = (
-    "edge_pressure third_body track_memory pressure_tilt wear evaporation ambient_drift friction_softening "
-    "friction_speed friction_load conductance_load conductance_speed conductivity_slope capacity_slope time_lag "
-    "side_cooling heat_depth internal_heat pressure_crown conductivity_anisotropy"
-).split()
+NAMES = [
+    "edge_pressure",
+    "third_body",
+    "track_memory",
+    "pressure_tilt",
+    "wear",
+    "evaporation",
+    "ambient_drift",
+    "friction_softening",
+    "friction_speed",
+    "friction_load",
+    "conductance_load",
+    "conductance_speed",
+    "conductivity_slope",
+    "capacity_slope",
+    "time_lag",
+    "side_cooling",
+    "heat_depth",
+    "internal_heat",
+    "pressure_crown",
+    "conductivity_anisotropy",
+]
 
 
 # --- verdicts made by hand --------------------------------------------------------------------------
@@ -191,3 +208,255 @@ def verdict(kind, count=2, **changes):
         },
     }  # fmt: skip
     return Verdict(**(whole | parts[kind] | changes))
+
+
+# --- the page ---------------------------------------------------------------------------------------
+class Reader(HTMLParser):
+    """Every tag closed in its turn; text, attributes and cells kept."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.tags, self.attributes, self.text, self.rows, self.bare = [], [], [], "", [], 0
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.bare += tag == "table" and self.wraps != "wide"
+        self.open.append(tag)
+        self.handle_startendtag(tag, attrs)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, *a) for a in attrs]
+        if tag == "div":
+            self.wraps = dict(attrs).get("class")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.text += data
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+    def table(self, *head):
+        """Rows of the table that begins with these columns."""
+        at = next(i for i, row in enumerate(self.rows) if row[: len(head)] == list(head))
+        return [r for r in self.rows[at + 1 :] if len(r) == len(self.rows[at])]
+
+
+PICTURES = {"named": 6, "weak": 6, "group": 5, "none_needed": 5, "unexplained": 5, "no_verdict": 0}
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    folder, out = tmp_path_factory.mktemp("findings"), {}
+    for kind in KINDS:
+        path = folder / f"{kind}.html"
+        assert findings.write(verdict(kind, 1), path) == path
+        html = path.read_text(encoding="utf-8")
+        out[kind] = html, Reader(html)
+    assert len(list(folder.iterdir())) == len(KINDS)
+    return out
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
+    html, reader = pages[kind]
+    assert html.startswith("<!DOCTYPE html>")
+    assert {"script", "link", "a", "iframe"}.isdisjoint(reader.tags)
+    assert not re.search(r"https?:|url\(|@import", html)
+    sources = [v for _, name, v in reader.attributes if name == "src"]
+    assert all(v.startswith("data:image/png;base64,") for v in sources)
+    pictures = [base64.b64decode(v.split(",", 1)[1], validate=True) for v in sources]
+    assert all(p.startswith(b"\x89PNG") for p in pictures)
+    assert len(set(pictures)) == len(pictures) == PICTURES[kind]
+    assert reader.tags.count("figcaption") == len(pictures)
+    assert not any(name.startswith("on") for _, name, _ in reader.attributes)
+    assert reader.bare == 0
+    assert TITLE in reader.text
+    assert "nan" not in reader.text.replace("nano", "").lower().split()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_answer_comes_first(pages, kind):
+    _, reader = pages[kind]
+    first = reader.text.index(findings.ANSWER[kind][0])
+    says = [reader.text.index(line) for line in verdict(kind).says]
+    sections = [reader.text.find(h) for h in ("1. ", "Certificate of convergence", "Warnings") if h in reader.text]
+    assert first < min(says) <= max(says) < min(sections)
+    assert findings.ANSWER[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
+
+
+def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
+    _, reader = pages["named"]
+    head = reader.text[: reader.text.index("1. What is wrong")]
+    assert "The nominal contact pressure peaks at the leading edge" in head
+    assert "from 0.186 K to 0.0537 K" in head
+    assert "from 0.243 K to 0.0541 K" in head
+    first, second = reader.table("parameter")[:2]
+    assert first == ["edge_pressure.a", "1.724 ± 0.051", "1.62 to 1.82", "no"]
+    assert second[2] == "0.0018 to 0.0024 m"
+    assert second[3].startswith("yes")
+    rival = reader.table("candidate")[0]
+    assert rival[:6] == ["third body", "third_body.r = 0.450 ± 0.050 W/m²/K", "96", "full fit", "180", "0.90"]
+    assert "third_body.r" in reader.table("effect", "parameter")[0]
+    assert ["chi2/dof (–)", "13.20", "1.00"] in reader.rows or ["chi2/dof (–)", "13.2", "1.00"] in reader.rows
+    assert reader.table("test for structure")[0] == ["Moran's I", "sidewall_0.nc", "before", "0.31", "0.001"]
+    assert ["block.k", "0.05"] in reader.rows
+    assert ["pressure modes", "4.2", "20", "yes"] in reader.rows
+    assert "Rest 10 min before repetition 11: it separates <track memory> from drift." in reader.text
+    assert "<track memory>" not in pages["named"][0]
+
+
+def test_kinds_read_as_they_are(pages):
+    assert "Cannot be told apart: edge pressure, pressure tilt." in pages["group"][1].text
+    assert "The model was not extended" in pages["unexplained"][1].text
+    text = pages["none_needed"][1].text
+    assert "Measured against computed" in text
+    assert "What is wrong" not in text
+    assert "What to measure next" not in text
+    text = pages["no_verdict"][1].text
+    assert "Certificate of convergence" in text
+    assert "How to read" not in text
+    assert "wake_1.nc: the noise was <estimated>" in text
+    two = replace(CAUSE, effect="third_body", words="")
+    assert "2 causes are named" in findings.page(verdict("named", causes=(CAUSE, two), before=(), after=()))
+
+
+def test_a_verdict_without_anything_is_still_a_page():
+    for kind in KINDS:
+        reader = Reader(findings.page(Verdict(TITLE, kind, ())))
+        assert reader.tags.count("img") == 0
+        assert "None was issued" in reader.text
+
+
+# --- pictures ---------------------------------------------------------------------------------------
+def render(fig):
+    """Draw a figure; every text lies inside it."""
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    drawer = canvas.get_renderer()
+    parts = [fig, *fig.subfigs]
+    axes = [ax for ax in fig.axes if ax.axison]
+    texts = [t for ax in axes for t in (ax.xaxis.label, ax.yaxis.label, ax._left_title, *ax.texts)]
+    texts += [t for ax in axes if ax.get_legend() for t in ax.get_legend().get_texts()]
+    for text in [*texts, *(t for p in parts for t in (p._suptitle, p._supxlabel))]:
+        if text and text.get_text():
+            box = text.get_window_extent(drawer)
+            assert min(box.x0, box.y0) > -2, text
+            assert max(box.x1 - fig.bbox.x1, box.y1 - fig.bbox.y1) < 2, text
+    return fig
+
+
+@pytest.mark.parametrize(("kind", "count"), [("named", 1), ("named", 6), ("weak", 2), ("group", 3), ("none_needed", 2)])
+def test_no_text_leaves_a_picture(kind, count):
+    for name, fig in discovery.figures(verdict(kind, count)).items():
+        render(fig)
+        assert name in discovery.CAPTIONS
+
+
+def test_files_are_named_by_what_they_show(tmp_path):
+    paths = discovery.draw_all(verdict("named"), tmp_path)
+    wanted = ["what_is_wrong.png", "not_noise.png", "missing.png", "why.png", "else.png", "gained.png"]
+    assert [p.name for p in paths] == wanted
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in paths)
+    assert discovery.draw_all(verdict("no_verdict", before=recordings()[0]), tmp_path) == []
+
+
+def test_the_worst_conditions_are_drawn_and_said():
+    v = verdict("named", 6)
+    drawn = pairs.shown(v)
+    assert len(drawn) == 4
+    sizes = [max(pairs.difference(p) for p in g) for g in pairs.every(v)]
+    assert sorted(max(pairs.difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
+    assert pairs.choice(v).startswith("Drawn are the 4 of 6 conditions")
+    assert pairs.choice(v) in Reader(findings.page(v)).text
+    assert "ambient" not in drawn[0][0].words
+    assert pairs.choice(verdict("named", 2)) == ""
+
+
+def test_images_and_lines_are_those_of_the_recordings():
+    v = verdict("named", 1)
+    fig = wrong.draw(v)
+    s = v.before[0]
+    k = int(np.argmin(np.abs(TIME - s.largest.time)))
+    measured, computed, off, lines = fig.subfigs[0].axes[:4]
+    for ax, values in ((measured, s.view.recording.temperature), (computed, s.predicted), (off, s.residual)):
+        drawn, good = ax.images[0].get_array(), np.isfinite(s.residual[k])
+        np.testing.assert_array_equal(~np.ma.getmaskarray(drawn), good)
+        np.testing.assert_array_equal(drawn.compressed(), values[k][good])
+    assert measured.images[0].norm is computed.images[0].norm
+    assert off.images[0].norm.vmin == -off.images[0].norm.vmax
+    first = lines.lines[0].get_ydata()
+    np.testing.assert_allclose(first[1:29], s.view.recording.temperature[2, :2, 1:29].mean(axis=0))
+    np.testing.assert_allclose(lines.lines[2].get_ydata()[1:], v.after[0].predicted[2, :2, 1:].mean(axis=0))
+    assert len(lines.lines) == 6
+
+
+def test_means_over_frames_are_white_where_only_noise_is_left():
+    flat = np.concatenate([pairs.means(s).ravel() for s in recordings(6)[1]])
+    flat = flat[np.isfinite(flat)]
+    assert np.std(flat) == pytest.approx(1.0, abs=0.05)
+    assert np.abs(np.mean(flat)) < 0.05
+
+
+def test_profiles_and_single_repetitions_are_drawn():
+    a, b = zip(both("profile"), both("profile", {"schedule.speed": 0.5}, seed=2, held=True), strict=True)
+    v = verdict("named", before=a, after=b)
+    for fig in (wrong.draw(v), evidence.draw(v), gain.draw(v)):
+        render(fig)
+    alone = verdict("named", missing=(lacks("as in the case", repetitions=(1,)),))
+    assert len(render(missing.draw(alone)).axes) == 2
+
+
+def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
+    v = verdict("named")
+    flux, pressure = missing.draw(v).axes[:2]
+    m = v.missing[0]
+    hidden = int((m.resolution < missing.LEAST).sum())
+    assert hidden > 0
+    assert len(flux.patches) == len(pressure.patches) == hidden
+    top = flux.collections[0].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx(1e-3 * (m.flux[0] + 1.96 * m.flux_sd[0]).max())
+
+
+def test_all_scores_are_drawn_with_the_alarm_level():
+    v = verdict("named")
+    ax = causes.why(v).axes[0]
+    assert sorted(p.get_width() for p in ax.patches) == sorted([CAUSE.ln_bayes, *(r.score for r in RIVALS)])
+    assert any(set(line.get_xdata()) == {causes.ALARM} for line in ax.lines)
+    assert to_hex(ax.patches[0].get_facecolor()) == causes.ACCEPTED.lower()
+    assert ax.get_xscale() == "symlog"
+    kinds = {to_hex(p.get_edgecolor()) for p in causes.why(verdict("group")).axes[0].patches}
+    assert causes.ALIKE.lower() in kinds
+    twice = replace(v, rivals=(*RIVALS, Rival("edge_pressure", 3139.0, 0.8, "accepted")))
+    assert len(causes.why(twice).axes[0].patches) == 1 + len(RIVALS)
+
+
+def test_extreme_numbers_are_drawn():
+    scores = (3e5, 12.0, 9.0, -4e3, float("nan"))
+    rivals = tuple(
+        Rival(f"{n}_{i}", s, 0.5, "", refitted=True) for i, (n, s) in enumerate(zip(NAMES, scores, strict=False))
+    )
+    pulls = tuple(Pull(f"gain, file_{i}.nc", 1.0, 0.1, 40.0 * (-1) ** i) for i in range(40))
+    v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
+    render(causes.why(v))
+    fig = render(causes.alternatives(v))
+    assert "24 largest of 40" in fig.axes[0].get_title(loc="left")
+    same = Fitness(0.0701, 1.066, 0.071, 1.0)
+    close = replace(same, rmse_K=0.0659)
+    render(gain.draw(verdict("named", base=same, extended=close, shifts=())))
+
+
+def test_what_was_not_tried_has_no_bar_and_no_score():
+    v = verdict("unexplained", 1, rivals=(*RIVALS, Rival("spots", 0.0, 0.0, "not tried: the case has no spots")))
+    assert len(causes.why(v).axes[0].patches) == len(RIVALS)
+    row = next(r for r in Reader(findings.page(v)).table("candidate") if r[0] == "spots")
+    assert row[1:4] == ["–", "–", "not tried"]

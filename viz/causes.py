@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from flashtemp.viz import pairs, theme
 from flashtemp.viz.residuals import BAND, plain
@@ -25,7 +25,7 @@ def scores(verdict) -> list[tuple[str, float, str, bool]]:
     taken = {c.effect for c in verdict.causes}
     out = [(c.effect, c.ln_bayes, ACCEPTED, True) for c in verdict.causes]
     for r in verdict.rivals:
-        if r.effect not in taken:
+        if r.effect not in taken and (r.refitted or r.stderr > 0):  # else it was not tried
             out.append((r.effect, r.score, ALIKE if r.effect in verdict.group else OTHER, r.refitted))
     return sorted((s for s in out if np.isfinite(s[1])), key=lambda s: -s[1])
 
@@ -59,7 +59,7 @@ def _bars(ax, bars: list, verdict) -> None:
             i, value, 0.72, color=colour if refitted else "white", ec=colour, lw=0.6, hatch="" if refitted else "//////"
         )
         ax.annotate(
-            f"{value:.0f}" if abs(value) >= 10 else f"{value:.1f}".replace("-", "−"), (max(value, 0.0), i), (3, 0),
+            (f"{value:.0f}" if abs(value) >= 10 else f"{value:.1f}").replace("-", "−"), (max(value, 0.0), i), (3, 0),
             textcoords="offset points", va="center", fontsize=6.5,
         )  # fmt: skip
     ax.axvline(0.0, color=theme.AMBIENT, lw=0.6)
@@ -98,7 +98,7 @@ def _amplitudes(ax, cause) -> None:
     ax.axvline(common.value, color=COMMON, lw=1.0)
     for i, (_, value, error) in enumerate(told):
         ax.errorbar(value, i, xerr=SURE * error, fmt="o", ms=3.5, color=theme.SLIDING, lw=1.0, capsize=2)
-    words = ["\n".join(pairs.narrow(part, 26) for part in n.split(", ")) for n, *_ in told]
+    words = ["\n".join(pairs.narrow(part, 26) for part in pairs.told(n).split(", ")) for n, *_ in told]
     ax.set_yticks(at, words, fontsize=7.0)
     ax.set_ylim(len(told) - 0.4, -0.6)
     values = [v + s * SURE * e for _, v, e in told for s in (1, -1)]
@@ -118,7 +118,7 @@ def alternatives(verdict) -> Figure:
     pulls = sorted(verdict.nuisance, key=lambda p: -abs(p.pull))[:MANY]
     height = 1.4 + max(0.2 * len(names) if names else 0.0, 0.17 * len(pulls), 1.4)
     fig = pairs.titled(verdict, pairs.head(verdict, "else"), pairs.WIDTH, height)
-    grid = fig.add_gridspec(1, 1 + both, width_ratios=[1.7, 1.0] if both else None)
+    grid = fig.add_gridspec(1, 1 + both, width_ratios=[1.2, 1.0] if both else None)
     if names:
         _matrix(fig, fig.add_subplot(grid[0, 0]), verdict)
     if pulls:
@@ -165,5 +165,6 @@ def _pulls(ax, pulls: list, total: int) -> None:
     ax.set_ylim(len(pulls) - 0.4, -0.6)
     most = 1.1 * max(3.6, float(np.abs(values).max()))
     ax.set_xlim(-most, most)
-    ax.set_xlabel("pull (sigma of what was known)")
+    ax.set_xlabel("pull, sigma of what was known (–)")
+    ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.set_title(f"calibrated nuisances{f', {len(pulls)} largest of {total}' if total > len(pulls) else ''}")

@@ -31,9 +31,9 @@ CAPTIONS = {
         "band if the cause is the same everywhere."
     ),
     "else": (
-        "Left: dark squares are pairs of effects that leave the same trace in these data, so that one can pass "
-        "for the other; right: what was calibrated, in standard deviations from what was known beforehand, of "
-        "which beyond ±3 is not plausible."
+        "Dark squares are pairs of effects that leave the same trace in these data, so that one can pass "
+        "for the other; points are what was calibrated, in standard deviations from what was known beforehand, "
+        "where beyond ±3 is not plausible."
     ),
     "gained": (
         "Squares to dots: how the differences shrink once the cause is in the model; bars away from zero show "

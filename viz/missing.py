@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -41,7 +43,7 @@ def draw(verdict) -> Figure:
         _lines(row[0], x, 1e-3 * m.flux, 1e-3 * m.flux_sd, m.repetition)
         row[0].axhline(0.0, color=theme.AMBIENT, lw=0.6)
         row[0].set_ylabel("missing flux q′ (kW/m²)")
-        row[0].set_title(plain(m.condition), weight="bold")
+        row[0].set_title(plain(textwrap.fill(pairs.told(m.condition), 60)), weight="bold")
         _lines(row[1], x, m.pressure, m.pressure_sd, m.repetition)
         row[1].axhline(1.0, color=theme.AMBIENT, lw=0.6)
         row[1].set_ylabel("pressure p(x)/p (–)")
@@ -50,9 +52,9 @@ def draw(verdict) -> Figure:
             ax.set_xlim(x[0], x[-1])
     for ax in axes[-1]:
         ax.set_xlabel("x from the leading edge (mm)")
-    axes[0, 0].legend(loc="best")
-    if len(np.atleast_2d(some[0].pressure)) > 1:
-        axes[0, 1].legend(loc="best")
+    for ax in axes[0]:
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(loc="best")
     fig.supxlabel(
         f"bands: 95 %; grey: less than {LEAST:g} of a local change would be seen here, nothing is claimed", fontsize=7.5
     )
@@ -65,7 +67,7 @@ def _lines(ax, x, values, error, repetition) -> None:
     numbers = np.atleast_1d(repetition)
     several = len(values) > 1
     for i, colour in zip([0, len(values) - 1][: 1 + several], (FIRST, LAST), strict=False):
-        colour = colour if several else theme.AMBIENT
+        colour = colour if several else theme.SPOT
         label = f"repetition {numbers[i]}" if several and i < len(numbers) else None
         ax.fill_between(x, values[i] - BAND * error[i], values[i] + BAND * error[i], color=colour, alpha=0.2, lw=0)
         ax.plot(x, values[i], color=colour, label=label)

@@ -47,6 +47,8 @@ class Pair:
 def every(verdict) -> list[list[Pair]]:
     """All recordings, those of one condition together."""
     views = [s.view for s in verdict.before]
+    if not views:
+        return []
     shared = {k for k in set().union(*(v.given for v in views)) if len({repr(v.given.get(k)) for v in views}) == 1}
     after = dict(enumerate(verdict.after)) if len(verdict.after) == len(verdict.before) else {}
     groups: dict[str, list[Pair]] = {}
@@ -106,6 +108,25 @@ def titled(verdict, words: str, width: float, height: float) -> Figure:
     text = textwrap.shorten(f"{words}: {verdict.title}", round(11 * width), placeholder=" ...")
     fig.suptitle(plain(text), x=0.01, ha="left")
     return fig
+
+
+def told(text: str) -> str:
+    """A condition as its overrides were written, in words with units; what is no such list stays as it is.
+
+    >>> told("contact.pressure = 150000, schedule.speed = 0.1"), told("the case")
+    ('contact pressure 0.15 MPa, speed 0.1 m/s', 'the case')
+    """
+    parts = [part.partition(" = ") for part in text.split(", ")]
+    if not all(equals for _, equals, _ in parts):
+        return text
+    return condition({key: _value(value) for key, _, value in parts})
+
+
+def _value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def narrow(text: str, width: int = 19) -> str:

@@ -6,7 +6,7 @@ import json as jsonlib
 from pathlib import Path
 
 from flashtemp.folders import free_name, whole
-from flashtemp.terminal import DONE, Json, emit, tell
+from flashtemp.terminal import DONE, Json, emit, finite, tell
 
 
 def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -> int:
@@ -32,6 +32,47 @@ def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -
         say("writing the report")
         report.write(result, work / "report.html")
     emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
+    return DONE
+
+
+def discover(
+    campaign: Path,
+    /,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    json: Json = False,
+) -> int:
+    """Find what the simulation gets wrong, name the cause, extend the model and measure the gain.
+
+    Parameters
+    ----------
+    campaign
+        A folder with a campaign.toml, or a .toml file.
+    out
+        Result folder; results/NAME-discover when not given.
+    workers
+        Processes that share the simulations; as many as there are cores when not given.
+    scheduler
+        Address of a running Dask scheduler whose workers share them instead.
+    """
+    from flashtemp import campaign as campaigns
+    from flashtemp import conclude, findings
+    from flashtemp.viz import discovery
+
+    say = (lambda text: None) if json else tell
+    loaded = campaigns.load(campaign)
+    folder = out or free_name(Path("results") / f"{loaded.folder.resolve().name}-discover")
+    with whole(folder) as work:
+        verdict, search = conclude.discover(loaded, say, workers, scheduler)
+        text = jsonlib.dumps(finite(verdict.as_dict()), indent=2, default=float)
+        (work / "verdict.json").write_text(text + "\n", encoding="utf-8")
+        conclude.write_extended(search, verdict, work)
+        say("writing the report")
+        discovery.draw_all(verdict, work)
+        findings.write(verdict, work / "report.html")
+    emit(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
     return DONE
 
 

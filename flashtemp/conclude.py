@@ -1,0 +1,242 @@
+"""The whole way from a campaign to a Verdict, and what it says in words."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flashtemp import adequacy, inversion, judge, planning
+from flashtemp.campaign import Campaign
+from flashtemp.case import load_with
+from flashtemp.discover import NAMED, WEAK, Search
+from flashtemp.effect import catalogue
+from flashtemp.errors import SolverFailure
+from flashtemp.fit import ENOUGH, Fit
+from flashtemp.gram import residual
+from flashtemp.look import look
+from flashtemp.model import Model
+from flashtemp.score import separability
+from flashtemp.study import GROUPS, Data, prepare
+from flashtemp.verdict import Verdict
+from flashtemp.workers import crew
+
+SHOWN = 20  # candidates in the separability matrix
+
+
+def discover(
+    campaign: Campaign,
+    watch: Callable[[str], Any] = lambda text: None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> tuple[Verdict, Search]:
+    """Everything: calibrate, search, judge.  Raises BadInput, SolverFailure."""
+    began = time.monotonic()
+    with crew(look, workers, scheduler) as run:
+        study = prepare(campaign, run)
+        search = Search(study, Data(study), watch)
+        search.calibrate()
+        if search.base is None:
+            raise SolverFailure(search.failed)
+        if not search.base.converged:
+            return _no_verdict(search, time.monotonic() - began), search
+        search.extend()
+        watch("judging")
+        verdict = _verdict(search, time.monotonic() - began)
+    return verdict, search
+
+
+def _no_verdict(search: Search, seconds: float) -> Verdict:
+    last = search.base.history[-1]
+    return Verdict(
+        title=search.study.campaign.title, kind="no_verdict",
+        says=(f"The calibration did not converge: after {len(search.base.history)} steps the next one would still move "
+              f"a parameter by {last:.2g} of its prior standard deviation ({ENOUGH} is the limit).",
+              "Check the values of the case and the conditions of the recordings before anything is concluded."),
+        certificate=_certificate(search), warnings=(search.failed,) if search.failed else (), seconds=seconds,
+    )  # fmt: skip
+
+
+def _certificate(search: Search) -> dict[str, Any]:
+    fits = {" + ".join(sorted(k)) or "base": f for k, f in search.fits.items()} or {"base": search.base}
+    return {
+        "converged": all(f.converged for f in (search.base, search.best or search.base)),
+        "limit": ENOUGH,
+        "steps_over_prior": {k: list(f.history) for k, f in fits.items()},
+    }
+
+
+def _verdict(search: Search, seconds: float) -> Verdict:
+    study, base, best = search.study, search.base, search.best
+    accepted = list(best.model.effects)
+    hint = None
+    if not accepted:
+        hint = _hint(search)
+    final = hint or best
+    effects = list(final.model.effects)
+    out_base = judge.left_out(study, search, base)
+    out_final = judge.left_out(study, search, final) if effects else out_base
+    plain_base, plain_final = judge.plain(study, base), judge.plain(study, final)
+    before, pulled_before = judge.seen(search, plain_base)
+    after, pulled_after = judge.seen(search, plain_final) if effects else (before, pulled_before)
+    plain_out = judge.left_out(study, search, plain_base)
+    causes = tuple(judge.cause(search, e, final, out_base, out_final) for e in effects)
+    shut = judge.gates(search, final)
+    alike = judge.group(search) if accepted else ()
+    kind = _kind(search, accepted, hint, shut, alike, out_base, out_final)
+    sep = separability(base, list(study.tried))
+    order = np.argsort(-sep.z)[:SHOWN]
+    advice = planning.advise(study, final, alike) if kind == "group" else ""
+    if kind in ("none_needed", "unexplained") and not accepted:
+        causes, after, pulled_after = (), before, pulled_before
+    verdict = Verdict(
+        title=study.campaign.title,
+        kind=kind,
+        says=(),
+        causes=causes,
+        group=alike if kind == "group" else (),
+        next_experiment=advice,
+        base=judge.fitness(plain_base, before, plain_out),
+        extended=judge.fitness(plain_final, after, judge.left_out(study, search, plain_final)) if causes else None,
+        rivals=judge.rivals(search, accepted),
+        nuisance=judge.pulls(search, final),
+        tests=(*adequacy.structure(base, 1, "before"), *(adequacy.structure(final, 2, "after") if causes else ())),
+        missing=inversion.missing(study, base),
+        separability=(tuple(sep.names[i] for i in order), sep.rho[np.ix_(order, order)]),
+        shifts=_moved(search, plain_base, final) if causes else (),
+        before=before,
+        after=after,
+        pulled=(pulled_before, pulled_after),
+        gates=shut,
+        certificate=_certificate(search),
+        assumed=study.priors | {f"{judge.CALLED.get(k, k)} anything": v for k, v in GROUPS.items()},
+        warnings=_warnings(search),
+        seconds=seconds,
+    )
+    return replace(verdict, says=says(verdict))
+
+
+def _hint(search: Search) -> Fit | None:
+    """The best single effect where it is more than chance but less than proof."""
+    single = [f for k, f in search.fits.items() if len(k) == 1 and f.converged]
+    if not single:
+        return None
+    best = max(single, key=lambda f: f.ln_evidence)
+    return best if best.ln_evidence - search.base.ln_evidence > WEAK else None
+
+
+def _kind(search: Search, accepted, hint, shut, alike, out_base, out_final) -> str:
+    open_gate = any(value > limit for value, limit in shut.values())
+    if open_gate:
+        return "unexplained"
+    if accepted:
+        gained = out_final.density.sum() - out_base.density.sum()
+        if len(alike) > 1:
+            return "group"
+        return "named" if gained > 0 or len(out_base.density) == 1 else "weak"
+    return "weak" if hint is not None else "none_needed"
+
+
+def _moved(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, float, float], ...]:
+    out = []
+    for key in search.study.campaign.free:
+        before, after = (search.study.case[key] * math.exp(f.model.free[key] + f.solution[key]) for f in (base, final))
+        out.append((key, before, after, after * final.solution.sd(key)))
+    return tuple(out)
+
+
+def _warnings(search: Search) -> tuple[str, ...]:
+    out = []
+    for file, level in search.data.noises.items():
+        if not isinstance(level, float) and "white" in level.estimated:
+            out.append(
+                f"{file}: the noise of a pixel was not stated; {level.white:.3g} K was estimated from its frames"
+            )
+    for view in search.study.campaign.views:
+        dead = np.isnan(view.recording.temperature).all(axis=0).mean()
+        gaps = np.isnan(view.recording.temperature).all(axis=(1, 2)).sum()
+        if dead > 0.05:
+            out.append(f"{view.file}: {100 * dead:.0f} % of its pixels are dead")
+        if gaps:
+            out.append(f"{view.file}: {gaps} frames hold no values")
+        out += _strange(search, view)
+    if len(search.study.conditions) == 1:
+        out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
+    return tuple(out)
+
+
+def _strange(search: Search, view) -> list[str]:
+    """A recording that does not belong: of another condition, or upside down."""
+    block = next(b for b in search.base.blocks if b.label == view.file)
+    level = float(np.mean(residual(block, search.base.solution) ** 2))
+    if level < 4.0:
+        return []
+    return [
+        f"{view.file}: differs by {math.sqrt(level):.0f} sigma rms from every model: check its condition and its way up"
+    ]
+
+
+# --- words -------------------------------------------------------------------------------------------------
+def says(v: Verdict) -> tuple[str, ...]:
+    """The verdict in a tribologist's words."""
+    lines = []
+    if v.kind == "named":
+        for c in v.causes:
+            lines.append(f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} against the model without it.")
+    elif v.kind == "weak":
+        c = v.causes[0]
+        lines.append(f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}; {NAMED:g} names a cause.")
+    elif v.kind == "group":
+        words = " or ".join(f"{catalogue()[e].cause} ({e})" for e in v.group)
+        lines.append(f"Something is missing, and these data cannot tell which of these it is: {words}.")
+    elif v.kind == "unexplained":
+        odd = [k for k, (value, limit) in v.gates.items() if value > limit]
+        lines.append(f"Something is missing that is not in the catalogue: {'; '.join(odd)} beyond what fits.")
+        if v.causes:
+            lines.append(f"The nearest member is {v.causes[0].effect}, but it does not explain the data.")
+    else:
+        best = max((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: r.score, default=None)
+        lines.append("No extension is needed: the calibrated model explains the data within their noise.")
+        if best is not None:
+            lines.append(
+                f"The strongest of {len(v.rivals)} candidates, {best.effect}, has ln Bayes factor {best.score:.1f}; "
+                f"{NAMED:g} would name a cause."
+            )
+    if v.extended is not None and v.base is not None:
+        lines.append(
+            f"With it, chi2/dof goes from {v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}; data left out "
+            f"are predicted to {v.extended.held_out_z:.3g} sigma instead of {v.base.held_out_z:.3g}."
+        )
+    rival = next((r for r in v.rivals if r.left is not None and r.score > WEAK), None)
+    if v.kind == "named" and rival is not None:
+        lines.append(f"The best rival, {rival.effect}, leaves ln Bayes factor {rival.left:.0f}.")
+    for name, before, after, error in v.shifts:
+        if error and abs(after - before) > 2.0 * error:
+            lines.append(
+                f"Without it, {name} would have come out as {before:.4g} instead of {after:.4g} +- {error:.2g}."
+            )
+    return tuple(lines)
+
+
+def _sentence(c) -> str:
+    numbers = ", ".join(
+        f"{p.name} = {p.value:.4g} ({p.ci95[0]:.4g} to {p.ci95[1]:.4g}){'' if p.unit == '1' else ' ' + p.unit}"
+        for p in c.parameters
+    )
+    return f"Cause: {c.words}; {numbers}."
+
+
+def write_extended(search: Search, verdict: Verdict, folder) -> None:
+    """extended.toml (and the files it names): the case with calibrated parameters and accepted effects."""
+    if not verdict.causes:
+        return
+    study, best = search.study, search.best if search.best.model.effects else _hint(search)
+    free = {k: best.model.free[k] + best.solution[k] for k in best.model.free}
+    effects = {c.effect: {p.name.split(".")[1]: p.value for p in c.parameters} for c in verdict.causes}
+    effects = {e: best.model.effects[e] | v for e, v in effects.items()}
+    case = load_with(study.case, Model(free, effects).overrides(study.case))
+    (folder / "extended.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")

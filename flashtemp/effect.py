@@ -118,6 +118,7 @@ class Effect:
     alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
+    steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure
 
     @classmethod
     def params(cls) -> dict[str, Param]:

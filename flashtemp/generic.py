@@ -26,6 +26,8 @@ class Scatter(Effect):
 class Mode(Effect):
     """Cosine of the nominal contact pressure along the block, constant or growing from repetition to repetition."""
 
+    steady = True  # within a stretch, for which alone anything is kept
+
     def heat(self, scene, p):
         """Adds size cos(number pi x/L) to local over mean pressure, times -1..1 over the repetitions for a trend."""
         last = scene.schedule.repetitions

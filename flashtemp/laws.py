@@ -20,12 +20,13 @@ class Laws:
         self.patches: list = []
         self.zones: list = []
         self.deposits: list = []
-        self.restless = False  # an optional effect speaks about the contact: ask it at every moment
+        self.restless = False  # an effect's word about the contact changes: ask it at every moment
         for acting in scene.acting:
             for part in acting.contributions(scene):
                 entry = (part, acting.p, acting.name)
                 target = getattr(part, "target", "")
-                self.restless |= not acting.effect.base and target.startswith(("contact.", "road.lane"))
+                kind = acting.effect
+                self.restless |= not (kind.base or kind.steady) and target.startswith(("contact.", "road.lane"))
                 if isinstance(part, Term):
                     self.terms.setdefault(part.target, []).append(entry)
                 elif isinstance(part, Factor):

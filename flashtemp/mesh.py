@@ -113,12 +113,12 @@ class Mesh:
         """Cell centre (n_cells,) in m above the interface, negative in the road."""
         return np.concatenate([-centres(self.depth)[::-1], centres(self.height)])[self.level]
 
-    @property
+    @cached_property
     def x_block(self) -> np.ndarray:
         """Centres of the lines under the block, m from the leading edge."""
         return self.x_centre[self.first : self.last]
 
-    @property
+    @cached_property
     def dx_block(self) -> np.ndarray:
         """Lengths of the lines under the block, m."""
         return np.diff(self.x)[self.first : self.last]

@@ -14,6 +14,7 @@ from flashtemp.mesh import Mesh
 from flashtemp.schedule import Schedule
 
 KELVIN = 273.15
+GAUSS = np.polynomial.legendre.leggauss(3)
 
 
 class Moment(NamedTuple):
@@ -96,7 +97,7 @@ class Scene:
 
 def gauss_mean(law, edges: np.ndarray, *args) -> np.ndarray:
     """Cell means of a pointwise law of x by three Gauss points per cell."""
-    nodes, weights = np.polynomial.legendre.leggauss(3)
+    nodes, weights = GAUSS
     mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     values = [np.asarray(law(mid + half * s, *args)) for s in nodes]
     return sum(w * v for w, v in zip(weights, values, strict=True)) / 2

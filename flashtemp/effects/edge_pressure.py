@@ -19,6 +19,7 @@ class EdgePressure(Effect):
     cause = "the nominal contact pressure peaks at the leading edge"
     source = "edge effect of a sheared block, theory 7.1: B = 2.5-6, l = 0.1 L"
     tells = ("hot spot near the leading edge",)
+    steady = True
 
     B = Param(4.0, "1", "height of the peak over the mean pressure", low=-1.0, high=30.0, off=0.0)
     length = Param(2.5e-3, "m", "decay length of the peak", low=0.0, high=0.1, open_low=True, spread=2.0)

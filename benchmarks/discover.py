@@ -1,0 +1,193 @@
+"""Blind benchmark of `discover`: effects hidden by seed, found or not, counted against projected signal to noise.
+
+    python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed, two processes
+    python benchmarks/discover.py table found.jsonl
+
+Truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two, another CVODE binding) and is
+read after the verdict is written.  Seeds below 1000 are for development, those from 1000 on are blind.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import numpy as np
+
+CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
+SMALL = {
+    "schedule.repetitions": 2, "schedule.distance": 0.6, "schedule.wait": 8.0, "road.track_length": 0.6,
+    "numerics.mesh": 0.6,
+}  # fmt: skip
+SINGLE = {  # effects that can be seen in a campaign of this size, with the parameter that is drawn
+    "pressure_tilt": "a", "edge_pressure": "B", "pressure_crown": "c", "interface_resistance": "resistance",
+    "friction_softening": "b", "track_memory": "strength", "conductivity_slope": "block", "heat_depth": "share",
+    "capacity_slope": "block", "ambient_drift": "rate", "side_cooling": "gain", "third_body": "growth",
+    "friction_speed": "exponent", "friction_load": "exponent", "time_lag": "lag", "camera_offset": "offset",
+    "emissivity": "change", "reflection": "excess", "blur": "sigma", "stick_slip": "amplitude",
+    "conductivity_anisotropy": "excess", "internal_heat": "loss",
+}  # fmt: skip
+OUTSIDE = ("profile", "left_out")
+
+
+def draw(seed: int) -> dict:
+    """What is hidden under a seed: kind, effects with their parameters, and which effect the catalogue lacks."""
+    rng = np.random.default_rng([seed, 77])
+    kind = str(rng.choice(["null", "single", "pair", "outside"], p=[0.2, 0.55, 0.15, 0.1]))
+    count = {"null": 0, "single": 1, "pair": 2, "outside": 1}[kind]
+    names = [str(n) for n in rng.choice(sorted(SINGLE), size=count, replace=False)]
+    size = {n: float(np.exp(rng.uniform(np.log(0.05), np.log(1.5)))) for n in names}
+    if kind == "outside":
+        size = {n: max(s, 0.5) for n, s in size.items()}
+    return {"seed": seed, "kind": kind, "hidden": names, "size": size}
+
+
+def overrides(plan: dict) -> dict:
+    """Keys of the case under which `twin` hides what was drawn."""
+    from flashtemp.effect import find
+
+    out = dict(SMALL)
+    if plan["hidden"]:
+        out["effects"] = plan["hidden"]
+    for name, size in plan["size"].items():
+        for k, param in find(name).params().items():
+            if param.off is not None and isinstance(param.value, (int, float)):
+                size_k = size if k == SINGLE[name] else 0.0
+                out[f"{name}.{k}"] = float(np.clip(param.off + size_k * (param.value - param.off), param.low, param.high))
+    return out
+
+
+def one(seed: int) -> dict:
+    """Make a campaign, discover, then open the truth."""
+    from flashtemp import campaign, case, conclude
+    from flashtemp.twin import SEALED, Plan, twin
+
+    plan, began = draw(seed), time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "campaign"
+        twin(case.load(CASE, overrides(plan)), Plan(tuple(plan["hidden"]), seed, sliding=3), out)
+        made = time.process_time() - began
+        loaded = campaign.load(out)
+        if plan["kind"] == "outside":
+            from dataclasses import replace
+
+            from flashtemp.effect import catalogue
+
+            loaded = replace(loaded, candidates=tuple(
+                n for n, e in catalogue().items() if not e.base and not e.alike and n not in plan["hidden"]))  # fmt: skip
+        verdict, search = conclude.discover(loaded, workers=1)
+        truth = json.loads((out / SEALED).read_text())
+    return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
+
+
+def _record(verdict, search, truth: dict) -> dict:
+    """Numbers that the tables need."""
+    from flashtemp.effect import find
+
+    z = {}
+    for ranked in search.ranking[:1]:
+        for s in ranked:
+            if s.effect in truth["hidden"]:
+                k, a = SINGLE[s.effect], s.candidate.strengths[SINGLE[s.effect]]
+                z[s.effect] = abs(truth["hidden"][s.effect][k] - find(s.effect).params()[k].off) / abs(a) * s.seen
+    causes = []
+    for c in verdict.causes:
+        for p in c.parameters:
+            name = p.name.split(".")[1]
+            true = truth["hidden"].get(c.effect, {}).get(name)
+            if name == SINGLE.get(c.effect):
+                causes.append({"effect": c.effect, "value": p.value, "stderr": p.stderr, "ci95": p.ci95, "true": true,
+                               "ln_bayes": c.ln_bayes})  # fmt: skip
+    scores = [(r.effect, r.score) for r in verdict.rivals[:3]]
+    return {
+        "verdict": verdict.kind, "causes": causes, "accepted": [c.effect for c in verdict.causes],
+        "group": list(verdict.group), "z": z, "truth": truth["hidden"], "best": scores,
+        "gates": {k: [float(v), limit] for k, (v, limit) in verdict.gates.items()},
+        "chi2": verdict.base.chi2_per_dof if verdict.base else None,
+        "held_out": [c.held_out_gain for c in verdict.causes],
+        "bias": {n: [b, a, s] for n, b, a, s in verdict.shifts},
+        "nuisance": truth["nuisance"],
+    }  # fmt: skip
+
+
+def run(first: int, last: int, file: Path, processes: int = 2) -> None:
+    """All seeds first..last-1 that the file does not hold yet."""
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+
+    done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
+    seeds = [s for s in range(first, last) if s not in done]
+    with ProcessPoolExecutor(processes) as pool, file.open("a") as out:
+        for future in as_completed([pool.submit(attempt, s) for s in seeds]):
+            found = future.result()
+            out.write(json.dumps(found, default=float) + "\n")
+            out.flush()
+            print(found["seed"], found["kind"], found["hidden"], {k: round(v, 1) for k, v in found.get("z", {}).items()},
+                  "->", found["verdict"], found.get("accepted"), found.get("group"), f"{found.get('cpu_s', 0):.0f} s",
+                  flush=True)  # fmt: skip
+
+
+def attempt(seed: int) -> dict:
+    """One campaign; a failure is a result too."""
+    try:
+        return one(seed)
+    except Exception:
+        return draw(seed) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+
+
+# --- tables ----------------------------------------------------------------------------------------------
+BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
+
+
+def outcome(r: dict) -> str:
+    """right, group, weak, none, unexplained, extra or wrong."""
+    truth, found = set(r["hidden"]), set(r.get("accepted", []))
+    if r["verdict"] in ("none_needed", "unexplained", "no_verdict", "failed"):
+        return {"none_needed": "none"}.get(r["verdict"], r["verdict"])
+    if r["verdict"] == "weak":
+        return "weak" if found <= truth else "weak wrong"
+    if r["verdict"] == "group":
+        return "group" if truth & set(r["group"]) else "wrong"
+    return "right" if found == truth else "extra" if found > truth else "part" if found < truth else "wrong"
+
+
+def table(file: Path) -> None:
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    kinds = defaultdict(list)
+    for r in rows:
+        kinds[r["kind"]].append(r)
+    print(f"{len(rows)} campaigns, {np.mean([r.get('cpu_s', 0) for r in rows]):.0f} s of CPU each")
+    print("\n| z of the hidden effect | campaigns | right | group | weak | none | unexplained | extra | wrong |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for low, high in BINS:
+        own = [r for r in kinds["single"] if r.get("z") and low <= max(r["z"].values()) < high]
+        n = Counter(outcome(r) for r in own)
+        cells = [len(own), n["right"], n["group"], n["weak"], n["none"], n["unexplained"], n["extra"],
+                 n["wrong"] + n["weak wrong"]]  # fmt: skip
+        print(f"| {low} to {high} | " + " | ".join(map(str, cells)) + " |")
+    for kind in ("null", "pair", "outside"):
+        print(kind, dict(Counter(outcome(r) for r in kinds[kind])))
+    strong = [r for r in kinds["pair"] if len(r.get("z", {})) == 2 and min(r["z"].values()) >= 10]
+    print("pairs with both z >= 10:", dict(Counter(outcome(r) for r in strong)))
+    good = [(c, r) for r in kinds["single"] if outcome(r) == "right" for c in r["causes"] if c["true"] is not None]
+    inside = sum(c["ci95"][0] <= c["true"] <= c["ci95"][1] for c, _ in good)
+    errors = [abs(c["value"] / c["true"] - 1) for c, r in good if max(r["z"].values()) >= 10]
+    pulls = [(c["value"] - c["true"]) / max(c["stderr"], 1e-300) for c, _ in good]
+    if good:
+        print(f"95 % intervals cover {inside} of {len(good)}; spread of (found - true)/stderr {np.std(pulls):.2f}; "
+              f"median |error| {100 * np.median(errors):.1f} %, 90th percentile {100 * np.quantile(errors, 0.9):.1f} %")  # fmt: skip
+    confused = Counter((r["hidden"][0], ",".join(r.get("accepted", [])) or r["verdict"]) for r in kinds["single"]
+                       if outcome(r) not in ("right",))  # fmt: skip
+    for (true, named), count in confused.most_common():
+        print(f"  {true} -> {named}: {count}")
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "run":
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    else:
+        table(Path(sys.argv[2]))

@@ -1,0 +1,204 @@
+"""Estimates, evidence and projections against dense algebra with every column written out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from flashtemp.gram import Block, System, residual
+
+PRIORS = {
+    "mu": (0.3, 0.5), "phi": (-0.2, 0.8), "level|0": (0.0, 0.2), "level|1": (0.1, 0.3), "shift|a": (0.4, 1.5),
+    "mode": (0.0, 0.7), "flux|0": (0.0, 0.4), "flux|1": (-0.5, 0.6), "map|b": (0.0, 2.0), "mesh": (0.2, 0.9),
+}  # fmt: skip
+LN_TWO_PI = np.log(2 * np.pi)
+
+
+def block(rng, label, condition, own, shared, aliases, size, held_out=False):
+    """`own` columns of its own, `shared` ones with known products, and further names for some of them."""
+    C, F = rng.normal(size=(size, len(own))), rng.normal(size=(size, len(shared)))
+    C[:, 0] += 2.0 * F[:, 0]  # nothing is orthogonal
+    names = [(n, i) for i, n in enumerate([*own, *shared])]
+    names += [(alias, [*own, *shared].index(n)) for alias, n in aliases.items()]
+    return Block(label, condition, held_out, rng.normal(size=size), C, tuple(names), F, F.T @ F)
+
+
+@pytest.fixture
+def blocks():
+    rng = np.random.default_rng(7)
+    return [
+        block(rng, "a", 0, ["mu", "phi", "shift|a"], ["mode", "mesh"], {"level|0": "mu", "flux|0": "mode"}, 9),
+        block(rng, "b", 1, ["phi", "mu"], ["mode", "map|b"], {"level|1": "mu", "flux|1": "mode"}, 14),
+        block(rng, "c", 1, ["mu"], ["mode", "mesh"], {"level|1": "mu", "flux|1": "mode"}, 6),
+        block(rng, "d", 2, ["mu", "phi"], ["mode"], {"flux|1": "mode"}, 11, held_out=True),
+    ]
+
+
+def dense(blocks, names):
+    """All data under each other (n,), and one column per name (n, k)."""
+    rows = []
+    for b in blocks:
+        whole = np.hstack([b.C, b.F])
+        A = np.zeros((b.count, len(names)))
+        for name, column in b.names:
+            if name in names:
+                A[:, names.index(name)] += whole[:, column]
+        rows.append(A)
+    return np.concatenate([b.r for b in blocks]), np.vstack(rows)
+
+
+def parts(priors):
+    names = list(priors)
+    return names, np.array([priors[n][0] for n in names]), np.array([priors[n][1] for n in names])
+
+
+def density(blocks, priors):
+    """ln probability (density) of all data."""
+    names, mean, sd = parts(priors)
+    r, A = dense(blocks, names)
+    return float(multivariate_normal(A @ mean, np.eye(len(r)) + (A * sd**2) @ A.T).logpdf(r))
+
+
+def posterior(blocks, priors):
+    names, mean, sd = parts(priors)
+    r, A = dense(blocks, names)
+    covariance = np.linalg.inv(A.T @ A + np.diag(sd**-2.0))
+    return covariance @ (A.T @ r + mean / sd**2), covariance
+
+
+def fitted(blocks):
+    return [b for b in blocks if not b.held_out]
+
+
+@pytest.mark.parametrize("left", [(), ("mode", "mesh"), ("level|0", "level|1", "flux|0", "flux|1"), ("mu",)])
+def test_estimate_and_evidence(blocks, left):
+    priors = {n: v for n, v in PRIORS.items() if n not in left}
+    found = System(blocks).solve(priors)
+    d, covariance = posterior(fitted(blocks), priors)
+    count = sum(b.count for b in fitted(blocks))
+    order = [list(priors).index(n) for n in found.names]
+    assert set(found.names) == set(priors)
+    assert found.count == count
+    np.testing.assert_allclose(found.d, d[order], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, covariance[np.ix_(order, order)], rtol=1e-9, atol=1e-12)
+    assert found.ln_evidence - 0.5 * count * LN_TWO_PI == pytest.approx(density(fitted(blocks), priors), rel=1e-11)
+
+
+def test_chi2_is_that_of_data_and_priors_at_the_estimate(blocks):
+    names, mean, sd = parts(PRIORS)
+    found = System(blocks).solve(PRIORS)
+    r, A = dense(fitted(blocks), names)
+    d = np.array([found[n] for n in names])
+    assert found.chi2 == pytest.approx(np.sum((r - A @ d) ** 2) + np.sum(((d - mean) / sd) ** 2), rel=1e-11)
+
+
+def test_single_precision_columns_are_multiplied_in_double(blocks):
+    rough = [replace(b, C=b.C.astype(np.float32), F=b.F.astype(np.float32)) for b in blocks]
+    rough = [replace(b, FF=b.F.astype(float).T @ b.F.astype(float)) for b in rough]
+    exact = [replace(b, C=b.C.astype(float), F=b.F.astype(float)) for b in rough]
+    found, expected = System(rough).solve(PRIORS), System(exact).solve(PRIORS)
+    np.testing.assert_allclose(found.d, expected.d, rtol=1e-6, atol=1e-7)
+
+
+def test_names_of_one_column_share_its_value(blocks):
+    """Two names with priors sd and sd' are one with hypot(sd, sd'), and what each gets follows its variance."""
+    [a] = (b for b in blocks if b.label == "a")
+    system = System([a])
+    both = system.solve({"mu": (0.3, 0.5), "level|0": (-0.1, 0.2)})
+    one = system.solve({"mu": (0.2, np.hypot(0.5, 0.2))})
+    assert both.ln_evidence == pytest.approx(one.ln_evidence, rel=1e-12)
+    assert both["mu"] + both["level|0"] == pytest.approx(one["mu"], rel=1e-10)
+    assert (both["mu"] - 0.3) / (both["level|0"] + 0.1) == pytest.approx((0.5 / 0.2) ** 2, rel=1e-9)
+
+
+def test_shared_columns_give_what_own_ones_give(blocks):
+    plain = []
+    for b in blocks:
+        whole = np.hstack([b.C, b.F])
+        plain.append(replace(b, C=whole, F=np.zeros((b.count, 0)), FF=np.zeros((0, 0))))
+    own, shared = (System(made).solve(PRIORS) for made in (plain, blocks))
+    np.testing.assert_allclose(shared.d, own.d, rtol=1e-11, atol=1e-13)
+    assert shared.ln_evidence == pytest.approx(own.ln_evidence, rel=1e-12)
+
+
+def test_a_tight_prior_holds_and_a_wide_one_lets_go(blocks):
+    system = System(blocks)
+    held = system.solve(PRIORS | {"phi": (0.7, 1e-6)})
+    assert held["phi"] == pytest.approx(0.7, abs=1e-8)
+    assert held.sd("phi") == pytest.approx(1e-6, rel=1e-3)
+    free = [system.solve(PRIORS | {"phi": (mean, 1e4)})["phi"] for mean in (-5.0, 5.0)]
+    assert free[0] == pytest.approx(free[1], abs=1e-5)
+
+
+def test_names_that_no_block_knows_take_no_part(blocks):
+    system = System(blocks)
+    known, more = system.solve(PRIORS), system.solve(PRIORS | {"nobody": (1.0, 2.0)})
+    assert more.names == known.names
+    assert more.ln_evidence == known.ln_evidence
+
+
+def test_what_is_held_out_is_not_seen(blocks):
+    loud = [replace(b, r=b.r + 100.0 * b.held_out) for b in blocks]
+    seen, again = System(blocks).solve(PRIORS), System(loud).solve(PRIORS)
+    np.testing.assert_array_equal(seen.d, again.d)
+    assert seen.ln_evidence == again.ln_evidence
+
+
+@pytest.mark.parametrize("label", ["a", "b", "c", "d"])
+def test_density_of_what_was_left_out_is_a_difference_of_evidences(blocks, label):
+    system = System(blocks)
+    every = system.solve(PRIORS, system.total(lambda b: True))
+    rest = system.solve(PRIORS, system.total(lambda b: b.label != label))
+    [out] = (b for b in blocks if b.label == label)
+    d, covariance = posterior([b for b in blocks if b is not out], PRIORS)
+    _, A = dense([out], list(PRIORS))
+    expected = multivariate_normal(A @ d, np.eye(out.count) + A @ covariance @ A.T).logpdf(out.r)
+    assert every.ln_evidence - rest.ln_evidence - 0.5 * out.count * LN_TWO_PI == pytest.approx(expected, rel=1e-10)
+
+
+def test_residual_is_what_the_columns_leave(blocks):
+    found = System(blocks).solve(PRIORS)
+    for b in blocks:
+        r, A = dense([b], list(found.names))
+        np.testing.assert_allclose(residual(b, found), r - A @ found.d, rtol=0, atol=1e-12)
+
+
+def test_projection_is_of_the_data_with_the_nuisances_marginalised(blocks):
+    """u = W' V^-1 (r - N mean), I = W' V^-1 W, with V = 1 + N sd^2 N'."""
+    wanted = ["phi", "mode"]
+    nuisance = {n: v for n, v in PRIORS.items() if n not in wanted}
+    u, info, raw = System(blocks).projected(nuisance, wanted)
+    names, mean, sd = parts(nuisance)
+    r, N = dense(fitted(blocks), names)
+    _, W = dense(fitted(blocks), wanted)
+    inverse = np.linalg.inv(np.eye(len(r)) + (N * sd**2) @ N.T)
+    np.testing.assert_allclose(u, W.T @ inverse @ (r - N @ mean), rtol=1e-9)
+    np.testing.assert_allclose(info, W.T @ inverse @ W, rtol=1e-9)
+    np.testing.assert_allclose(raw, np.sum(W**2, axis=0), rtol=1e-12)
+    assert np.all(np.diag(info) < raw)
+
+
+def test_projection_and_estimate_agree(blocks):
+    """With a prior N(0, s^2) on what is wanted, its estimate is (I + s^-2)^-1 u."""
+    system = System(blocks)
+    nuisance = {n: v for n, v in PRIORS.items() if n != "phi"}
+    [u], [[info]], _ = system.projected(nuisance, ["phi"])
+    found = system.solve(nuisance | {"phi": (0.0, 0.8)})
+    assert found["phi"] == pytest.approx(u / (info + 0.8**-2), rel=1e-10)
+    assert found.sd("phi") == pytest.approx((info + 0.8**-2) ** -0.5, rel=1e-10)
+    gain = 0.5 * u**2 / (info + 0.8**-2) - 0.5 * np.log(1 + 0.8**2 * info)
+    assert found.ln_evidence - system.solve(nuisance).ln_evidence == pytest.approx(gain, rel=1e-9)
+
+
+def test_all_blocks_left_out_gives_the_prior(blocks):
+    system = System(blocks)
+    found = system.solve(PRIORS, system.total(lambda b: False))
+    names, mean, sd = parts(PRIORS)
+    order = [names.index(n) for n in found.names]
+    np.testing.assert_allclose(found.d, mean[order], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sd[order], rtol=1e-12)
+    assert found.ln_evidence == pytest.approx(0.0, abs=1e-12)
+    assert found.count == 0

@@ -1,0 +1,179 @@
+"""Looks by many hands: order, failures as answers, and no difference between one worker and several."""
+
+from __future__ import annotations
+
+import math
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp import workers
+from flashtemp.case import load
+from flashtemp.effect import find
+from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.look import Force, Look, Task, Wanted, look
+from flashtemp.model import Model
+from flashtemp.workers import attempt, crew
+
+SMALL = {
+    "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.1, "numerics.mesh": 0.3, "output.profiles": 8,
+}  # fmt: skip
+
+
+@pytest.fixture
+def tasks(tmp_path):
+    """Three small conditions, the second with a block that wears through to its holder at once."""
+    file = tmp_path / "case.toml"
+    file.write_text("")
+    lost = {"effects": ["wear"], "wear.rate": 1e-7, "schedule.speed": 1.0, "contact.pressure": 1e7}
+    force = Force("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
+    out = []
+    for given in ({"friction.mu": 0.8}, lost, {"friction.mu": 1.2}):
+        out.append(Task(file, SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Wanted(("friction.mu",))))
+    return out
+
+
+def test_a_failure_of_the_computation_is_an_answer():
+    def fails(fault):
+        raise fault
+
+    for fault in (BadInput("case.toml: a: 1; give 2"), SolverFailure("the heat balance is no longer finite")):
+        assert attempt(fails, fault) is fault
+    with pytest.raises(ZeroDivisionError):
+        attempt(lambda n: 1 / n, 0)
+    assert attempt(math.sqrt, 4.0) == 2.0
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_answers_keep_their_order(count):
+    asked = [60000, 3, 30000, 2, 1]  # the first takes longest
+    with crew(math.factorial, count) as run:
+        assert run(asked) == [math.factorial(n) for n in asked]
+        assert run([]) == []
+        assert run([4]) == [24]  # the same hands again
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_failures_come_back_in_their_place(count):
+    with crew(find, count) as run:
+        first, fault, last = run(["friction", "frction", "wear"])
+        assert (first, last) == (find("friction"), find("wear"))
+        assert isinstance(fault, BadInput)
+        assert str(fault) == "effect 'frction' is not in the catalogue; did you mean 'friction'?"
+        assert fault.lines == (str(fault),)
+        with pytest.raises(TypeError):  # not a computation that failed: a fault of the program
+            run([3.5])
+
+
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.xfail(
+    strict=True, reason="several faults come back from another process as one line"))])  # fmt: skip
+def test_several_faults_stay_apart(count, tmp_path):
+    file = tmp_path / "case.toml"
+    file.write_text("[friction]\nmu = -1\n[block]\nheight = -2\n")
+    with crew(load, count) as run:
+        [fault] = run([file])
+    assert len(fault.lines) == 2
+
+
+def same(one, other):
+    for file, sight in one.sights.items():
+        np.testing.assert_array_equal(other.sights[file].predicted, sight.predicted)
+        assert other.sights[file].columns.keys() == sight.columns.keys() == {"friction.mu"}
+        for name, values in sight.columns.items():
+            np.testing.assert_array_equal(other.sights[file].columns[name], values)
+    np.testing.assert_array_equal(other.run.T_block, one.run.T_block)
+
+
+def test_one_worker_and_two_agree(tasks):
+    with crew(look, 1) as alone, crew(look, 2) as both:
+        answers = list(zip(alone(tasks), both(tasks), strict=True))
+    for one, other in (answers[0], answers[2]):
+        assert isinstance(one, Look)
+        same(one, other)
+    fault, again = answers[1]
+    assert type(fault) is type(again) is SolverFailure
+    assert str(fault) == str(again)
+    mu = [a.sights["mu.csv"].predicted[0] for a, _ in (answers[0], answers[2])]
+    assert mu == pytest.approx([0.8 * math.exp(0.1), 1.2 * math.exp(0.1)])
+
+
+def test_as_many_as_there_are_cores(monkeypatch):
+    monkeypatch.setattr(workers.os, "cpu_count", lambda: 1)
+    with crew(lambda n: n + 1) as run:  # could not be sent to another process
+        assert run([1, 2]) == [2, 3]
+
+
+# --- a cluster ---------------------------------------------------------------------------------------
+def stand_in(monkeypatch, client):
+    """dask.distributed with this Client."""
+    package, module = ModuleType("dask"), ModuleType("dask.distributed")
+    package.distributed, module.Client = module, client
+    monkeypatch.setitem(sys.modules, "dask", package)
+    monkeypatch.setitem(sys.modules, "dask.distributed", module)
+
+
+def test_without_dask(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said, crew(find, None, "a:1"):
+        pass
+    assert len(said.value.lines) == 1
+    assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize("fault", [OSError("Timed out\ntrying to connect"), TimeoutError(), ValueError("scheme\nfoo")])
+def test_a_scheduler_that_does_not_answer(monkeypatch, fault):
+    def client(address, timeout):
+        raise fault
+
+    stand_in(monkeypatch, client)
+    with pytest.raises(BadInput) as said, crew(find, None, "tcp://nowhere:8786"):
+        pass
+    assert len(said.value.lines) == 1
+    assert "\n" not in str(said.value)
+    assert "tcp://nowhere:8786" in str(said.value)
+
+
+def test_a_scheduler_that_cannot_be_reached():
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    with pytest.raises(BadInput) as said, crew(find, None, "tcp://127.0.0.1:9"):
+        pass
+    assert len(said.value.lines) == 1
+
+
+def test_a_cluster_answers_like_one_worker(monkeypatch):
+    """Faults come back as answers, order is kept, every look is computed anew, and the client is closed."""
+    log = []
+
+    class Client:
+        def __init__(self, address, timeout):
+            log.append(address)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *fault):
+            log.append("closed")
+
+        def submit(self, function, *given, pure):
+            assert pure is False
+            return SimpleNamespace(answer=function(*given))
+
+        def gather(self, futures):
+            return [f.answer for f in futures]
+
+    stand_in(monkeypatch, Client)
+    with crew(find, 7, "tcp://there:8786") as run:
+        first, fault, last = run(["friction", "frction", "wear"])
+    assert (first, last) == (find("friction"), find("wear"))
+    assert isinstance(fault, BadInput)
+    assert log == ["tcp://there:8786", "closed"]
+
+
+@pytest.mark.xfail(strict=True, reason="the message names an extra that the package does not have")
+def test_what_the_message_says_to_install_exists():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    assert "cluster" in project["optional-dependencies"]

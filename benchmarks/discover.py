@@ -15,6 +15,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter, defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,6 @@ SINGLE = {  # effects that can be seen in a campaign of this size, with the para
     "emissivity": "change", "reflection": "excess", "blur": "sigma", "stick_slip": "amplitude",
     "conductivity_anisotropy": "excess", "internal_heat": "loss",
 }  # fmt: skip
-OUTSIDE = ("profile", "left_out")
 
 
 def draw(seed: int) -> dict:
@@ -58,7 +58,9 @@ def overrides(plan: dict) -> dict:
         for k, param in find(name).params().items():
             if param.off is not None and isinstance(param.value, (int, float)):
                 size_k = size if k == SINGLE[name] else 0.0
-                out[f"{name}.{k}"] = float(np.clip(param.off + size_k * (param.value - param.off), param.low, param.high))
+                out[f"{name}.{k}"] = float(
+                    np.clip(param.off + size_k * (param.value - param.off), param.low, param.high)
+                )
     return out
 
 
@@ -74,15 +76,17 @@ def one(seed: int) -> dict:
         made = time.process_time() - began
         loaded = campaign.load(out)
         if plan["kind"] == "outside":
-            from dataclasses import replace
-
-            from flashtemp.effect import catalogue
-
-            loaded = replace(loaded, candidates=tuple(
-                n for n, e in catalogue().items() if not e.base and not e.alike and n not in plan["hidden"]))  # fmt: skip
+            loaded = replace(loaded, candidates=_without(plan["hidden"]))
         verdict, search = conclude.discover(loaded, workers=1)
         truth = json.loads((out / SEALED).read_text())
     return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
+
+
+def _without(hidden: list[str]) -> tuple[str, ...]:
+    """The catalogue as if what is hidden were not in it."""
+    from flashtemp.effect import catalogue
+
+    return tuple(n for n, e in catalogue().items() if not (e.base or e.alike or n in hidden))
 
 
 def _record(verdict, search, truth: dict) -> dict:
@@ -126,9 +130,9 @@ def run(first: int, last: int, file: Path, processes: int = 2) -> None:
             found = future.result()
             out.write(json.dumps(found, default=float) + "\n")
             out.flush()
-            print(found["seed"], found["kind"], found["hidden"], {k: round(v, 1) for k, v in found.get("z", {}).items()},
-                  "->", found["verdict"], found.get("accepted"), found.get("group"), f"{found.get('cpu_s', 0):.0f} s",
-                  flush=True)  # fmt: skip
+            z = {k: round(v, 1) for k, v in found.get("z", {}).items()}
+            named = found.get("accepted"), found.get("group"), f"{found.get('cpu_s', 0):.0f} s"
+            print(found["seed"], found["kind"], found["hidden"], z, "->", found["verdict"], *named, flush=True)
 
 
 def attempt(seed: int) -> dict:
@@ -178,8 +182,8 @@ def table(file: Path) -> None:
     errors = [abs(c["value"] / c["true"] - 1) for c, r in good if max(r["z"].values()) >= 10]
     pulls = [(c["value"] - c["true"]) / max(c["stderr"], 1e-300) for c, _ in good]
     if good:
-        print(f"95 % intervals cover {inside} of {len(good)}; spread of (found - true)/stderr {np.std(pulls):.2f}; "
-              f"median |error| {100 * np.median(errors):.1f} %, 90th percentile {100 * np.quantile(errors, 0.9):.1f} %")  # fmt: skip
+        print(f"95 % intervals cover {inside} of {len(good)}; spread of (found - true)/stderr {np.std(pulls):.2f}")
+        print(f"error at z >= 10: median {100 * np.median(errors):.1f} %, p90 {100 * np.quantile(errors, 0.9):.1f} %")
     confused = Counter((r["hidden"][0], ",".join(r.get("accepted", [])) or r["verdict"]) for r in kinds["single"]
                        if outcome(r) not in ("right",))  # fmt: skip
     for (true, named), count in confused.most_common():

@@ -20,7 +20,7 @@ app = App(
 )
 COMMANDS = (
     simulate.run, simulate.check, simulate.converge, simulate.effects, questions.repetitions, questions.wait,
-    campaigns.compare, campaigns.discover, campaigns.twin,
+    campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)
@@ -39,7 +39,6 @@ def later(what: str):
 
 
 LATER = {
-    "plan": "before measuring: which effects the views and conditions can tell apart",
     "sweep": "a case over several values of a key",
     "view": "interactive 3D view of a result",
 }

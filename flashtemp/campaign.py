@@ -8,14 +8,15 @@ from typing import Any
 
 from flashtemp import case as cases
 from flashtemp import keys
-from flashtemp.camera import recording
+from flashtemp.camera import recording, synthetic
 from flashtemp.camera.recording import Recording
 from flashtemp.effect import catalogue
 from flashtemp.errors import BadInput, nearest
 from flashtemp.tables import pairs
 
+NETD = 0.05  # K, of a camera that is imagined
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
-ENTRY = {"recording": {"file", "with", "sigma_K", "held_out"}, "force": {"file", "with", "sigma", "held_out"}}
+ENTRY = {"recording": {"file", "view", "with", "sigma_K", "held_out"}, "force": {"file", "with", "sigma", "held_out"}}
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,10 @@ class Campaign:
         return "\n".join(lines)
 
 
-def load(path) -> Campaign:
+def load(path, planned: bool = False) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
+    With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
     Raises BadInput with all faults at once, one line each.
     """
     path = Path(path)
@@ -80,7 +82,9 @@ def load(path) -> Campaign:
         faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
     case = _case(raw, where, folder, faults)
     entries = {kind: _entries(raw, kind, where, faults) for kind in ENTRY}
-    views = [v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, case, folder, faults))]
+    views = [
+        v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, case, folder, faults, planned))
+    ]
     forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, case, folder, faults))]
     if not faults and not views and not forces:
         faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
@@ -134,12 +138,21 @@ def _entries(raw, kind: str, where, faults: list[str]) -> list[dict]:
     return entries
 
 
-def _common(entry, kind: str, number: int, where, case, folder, faults) -> dict | None:
+def _imagined(view: str, case: cases.Case) -> Recording:
+    """What a camera would take of a condition: four frames of every sliding, one of every wait."""
+    scene = cases.build(case)
+    return synthetic.blank(view, scene, *synthetic.moments(scene.schedule, 4, 1), NETD)
+
+
+def _common(entry, kind: str, number: int, where, case, folder, faults, imagined: bool = False) -> dict | None:
     """Keys that recordings and forces share, checked; None when the entry cannot be used."""
     place, good = f"{where(kind)}: {kind} {number}", len(faults)
     file, given, held = entry.get("file"), entry.get("with", {}), entry.get("held_out", False)
-    if not isinstance(file, str):
-        faults.append(f"{place}: file: {file!r}; give the name of a file in quotes")
+    if imagined:
+        pass
+    elif not isinstance(file, str):
+        more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
+        faults.append(f"{place}: file: {file!r}; give the name of a file in quotes{more}")
     elif not (folder / file).is_file():
         faults.append(f"{place}: file: no file '{file}' in {folder}")
     if not isinstance(held, bool):
@@ -158,10 +171,19 @@ def _common(entry, kind: str, number: int, where, case, folder, faults) -> dict 
     return None if len(faults) > good else {"file": file, "given": given, "held_out": held}
 
 
-def _view(entry, number, where, case, folder, faults) -> View | None:
-    common = _common(entry, "recording", number, where, case, folder, faults)
+def _view(entry, number, where, case, folder, faults, planned: bool) -> View | None:
+    imagined = planned and "view" in entry and "file" not in entry
+    if imagined and entry["view"] not in synthetic.FACES:
+        known = ", ".join(synthetic.FACES)
+        faults.append(f"{where('recording')}: recording {number}: view: {entry['view']!r}; give {known}")
+        return None
+    common = _common(entry, "recording", number, where, case, folder, faults, imagined)
     if common is None:
         return None
+    if imagined:
+        common["file"] = f"planned {number} {entry['view']}"
+        taken = _imagined(entry["view"], cases.load(case, common["given"]))
+        return View(recording=taken, sigma_K=entry.get("sigma_K"), **common)
     try:
         return View(recording=recording.load(folder / common["file"]), sigma_K=entry.get("sigma_K"), **common)
     except BadInput as fault:

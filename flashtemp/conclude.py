@@ -90,7 +90,7 @@ def _verdict(search: Search, seconds: float) -> Verdict:
     kind = _kind(search, accepted, hint, shut, alike, out_base, out_final)
     sep = separability(base, list(study.tried))
     order = np.argsort(-sep.z)[:SHOWN]
-    advice = planning.advise(study, final, alike) if kind == "group" else ""
+    advice = planning.advise(study, search.data, best, alike) if kind == "group" else ""
     if kind in ("none_needed", "unexplained") and not accepted:
         causes, after, pulled_after = (), before, pulled_before
     verdict = Verdict(

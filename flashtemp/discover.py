@@ -104,7 +104,7 @@ class Search:
 
     def _refit(self, ranked: list[Score], depth: int) -> Fit | None:
         """Full fits of the shortlist from the present best; the best of them if it is worth its parameters."""
-        good = [s for s in ranked if s.ln_bayes > WEAK - 2.0][:SHORT]
+        good = [s for s in ranked if s.ln_bayes > (WEAK if depth else WEAK - 2.0)][:SHORT]
         good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - 10.0]
         self._fit([(s,) for s in good])
         single = max((f.ln_evidence for k, f in self.fits.items() if len(k) == depth + 1), default=-np.inf)

@@ -116,7 +116,7 @@ class Data:
                 for k, other in enumerate(rough):
                     change = sight.predicted - other.sights[entry.file].predicted
                     columns[f"mesh:{k}"] = packed(change, sight.inside) if change.ndim == 3 else change
-                columns |= _images(entry, sight) if change.ndim == 3 else {"cell": sight.predicted}
+                columns |= _images(entry, sight) if sight.predicted.ndim == 3 else {"cell": sight.predicted}
                 self.fixed[entry.file] = columns
 
     def blocks(self, looks: list[Look]) -> list[Block]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +20,7 @@ from flashtemp.study import Data, prepare
 from flashtemp.twin import SEALED, Plan, twin
 from flashtemp.workers import crew
 
+KNOWN_WELL = ("friction.mu", "contact.spot_fraction")  # what shows clearly in a few seconds of sliding
 SMALL = {
     "block.height": 0.005, "schedule.distance": 0.3, "numerics.mesh": 0.4, "numerics.rtol": 1e-4, "output.profiles": 20,
 }  # fmt: skip
@@ -27,21 +29,21 @@ FAR = {"friction.mu": 0.25, "contact.spot_fraction": -0.25, "ambient.convection"
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """A campaign calibrated: `hidden` effects in the truth, `believed` lines of the case that is held to it."""
+    """A campaign calibrated: `hidden` effects in the truth, `believed` line of the case that is held to it."""
 
-    def make(seed, hidden=(), believed="", **plan):
+    def make(seed, hidden=(), believed=None, free=None, **plan):
         folder = tmp_path_factory.mktemp("fit")
         (folder / "case.toml").write_text("")
         settings = {"conditions": 1, "views": ("sidewall",), "sliding": 3, "nuisance": 0.5} | plan
         out = twin(load(folder / "case.toml", SMALL), Plan(tuple(hidden), seed, **settings), folder / "lab")
         if believed:
-            file = out / "case.toml"
-            key, line = believed
-            text = file.read_text()
-            assert f"\n{key} = " in text
-            file.write_text("\n".join(line if row.startswith(f"{key} = ") else row for row in text.splitlines()))
+            rows = (out / "case.toml").read_text().splitlines()
+            [at] = [i for i, row in enumerate(rows) if row.split(" = ")[0] == believed.split(" = ")[0]]
+            rows[at] = believed
+            (out / "case.toml").write_text("\n".join(rows))
+        told = campaign.load(out)
         with crew(look, 1) as run:
-            study = prepare(campaign.load(out), run)
+            study = prepare(replace(told, free=free or told.free), run)
             search = Search(study, Data(study), lambda text: None)
             search.calibrate()
         return SimpleNamespace(study=study, search=search, truth=json.loads((out / SEALED).read_text()))
@@ -131,7 +133,9 @@ def test_a_far_start_ends_at_the_same_place(two, sign):
 @pytest.mark.xfail(strict=True, reason="fields in single precision make traces of weak parameters noisy")
 def test_steps_shrink_until_the_certificate(campaigns):
     """Gauss-Newton close to its end: a few looks, not a walk."""
-    assert len(campaigns(3).search.base.history) <= 5
+    fit = campaigns(1).search.base
+    assert fit.converged
+    assert len(fit.history) <= 5
 
 
 def test_several_descents_share_their_rounds(two):
@@ -157,7 +161,7 @@ def inside(name, seen):
 @pytest.fixture(scope="module")
 def resistive(campaigns):
     """A film resists in the truth, and nobody knows."""
-    return campaigns(5, hidden=("interface_resistance",))
+    return campaigns(5, hidden=("interface_resistance",), free=KNOWN_WELL)
 
 
 def test_a_hidden_strength_is_found(resistive):
@@ -167,6 +171,7 @@ def test_a_hidden_strength_is_found(resistive):
     for start in (2e-6, 2e-4):
         descent, seen = fitted(resistive, "interface_resistance", {"resistance": start})
         inside("interface_resistance", seen)
+        assert descent.fit.converged
         fit, name = descent.fit, "interface_resistance.resistance"
         assert not fit.bound
         assert fit.ln_evidence > base.ln_evidence + 8.0
@@ -178,7 +183,7 @@ def test_a_hidden_strength_is_found(resistive):
 @pytest.fixture(scope="module")
 def perfect(campaigns):
     """The case believes in a resistance that the truth has not: an additional one would have to be negative."""
-    return campaigns(6, believed=("alpha", "alpha = 20000.0"))
+    return campaigns(6, believed="alpha = 100000.0", free=KNOWN_WELL)
 
 
 @pytest.mark.parametrize("start", [1e-6, 2e-5, 1e-4])

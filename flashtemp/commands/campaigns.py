@@ -76,6 +76,48 @@ def discover(
     return DONE
 
 
+def plan(
+    campaign: Path,
+    /,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    json: Json = False,
+) -> int:
+    """Before measuring: which effects these views and conditions can tell apart, and which experiment to add.
+
+    Parameters
+    ----------
+    campaign
+        A folder with a campaign.toml, or a .toml file; a recording may give view = "sidewall", "wake" or "profile"
+        instead of a file.
+    out
+        Folder for plan.json and the picture of the separability matrix; nothing is written when not given.
+    workers
+        Processes that share the simulations; as many as there are cores when not given.
+    scheduler
+        Address of a running Dask scheduler whose workers share them instead.
+    """
+    from flashtemp import campaign as campaigns
+    from flashtemp import planning
+    from flashtemp.look import look
+    from flashtemp.study import prepare
+    from flashtemp.workers import crew
+
+    loaded = campaigns.load(campaign, planned=True)
+    with crew(look, workers, scheduler) as run:
+        outlook = planning.plan(prepare(loaded, run))
+    if out is not None:
+        from flashtemp.viz import outlook as picture
+
+        with whole(out) as work:
+            (work / "plan.json").write_text(jsonlib.dumps(finite(outlook.as_dict()), indent=2) + "\n", encoding="utf-8")
+            picture.draw(outlook).savefig(work / "separability.png")
+    emit(outlook.as_dict(), json, str(outlook))
+    return DONE
+
+
 def twin(
     case: str,
     /,

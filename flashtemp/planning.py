@@ -87,7 +87,7 @@ class Outlook:
     def __str__(self) -> str:
         good = sum(p.separable for p in self.prospects)
         lines = [f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be told from all others"]
-        lines.append(f"  {'effect':26s} {'z':>8s} {'z left':>8s}  {"5 sigma at":>24s}  nearest rival")
+        lines.append(f"  {'effect':26s} {'z':>8s} {'z left':>8s}  {'5 sigma at':>24s}  nearest rival")
         for p in self.prospects:
             size = f"{p.detectable:.3g} {'' if p.unit == '1' else p.unit}" if np.isfinite(p.detectable) else "never"
             lines.append(f"  {p.effect:26s} {p.z:8.1f} {p.z_left:8.1f}  {size:>24s}  {p.nearest} ({p.rho:+.2f})")

@@ -186,7 +186,7 @@ def perfect(campaigns):
     return campaigns(6, believed="alpha = 100000.0", free=KNOWN_WELL)
 
 
-@pytest.mark.parametrize("start", [1e-6, 2e-5, 1e-4])
+@pytest.mark.parametrize("start", [1e-6, 1e-4])
 def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect, start):
     name = "interface_resistance"
     descent, seen = fitted(perfect, name, {"resistance": start})

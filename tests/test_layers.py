@@ -125,7 +125,7 @@ def test_drawing_stays_at_the_edge(module):
         assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"})
     if layer(module) != "viz":
         assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False))
-        if layer(module) not in ("job", "report", "commands", "__main__"):
+        if layer(module) not in ("job", "report", "findings", "commands", "__main__"):
             assert not any(layer(m) == "viz" for m in own(MODULES[module]))
 
 

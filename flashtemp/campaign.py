@@ -61,9 +61,17 @@ class Campaign:
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
         for entry in (*self.views, *self.forces):
-            with_ = ", ".join(f"{k} = {v}" for k, v in entry.given.items()) or "as in the case"
-            lines.append(f"  {entry.file}: {with_}{' (held out)' if entry.held_out else ''}")
+            lines.append(f"  {entry.file}: {told(entry.given)}{' (held out)' if entry.held_out else ''}")
         return "\n".join(lines)
+
+
+def told(given: dict[str, Any]) -> str:
+    """A condition in words.
+
+    >>> told({"schedule.speed": 0.1}), told({})
+    ('schedule.speed = 0.1', 'the case')
+    """
+    return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
 
 
 def load(path, planned: bool = False) -> Campaign:

@@ -41,7 +41,7 @@ class Case:
 
     def __getitem__(self, dotted: str) -> Any:
         """Value of "table.key"."""
-        table, key = dotted.split(".", 1)
+        table, key = dotted.rsplit(".", 1)
         return self.values[table][key]
 
     def files(self) -> dict[str, str]:

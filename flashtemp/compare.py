@@ -11,7 +11,7 @@ import numpy as np
 from flashtemp import case as cases
 from flashtemp.camera.align import align
 from flashtemp.camera.operator import WAKE, Instrument, Seen, observe
-from flashtemp.campaign import Campaign, Force, View
+from flashtemp.campaign import Campaign, Force, View, told
 from flashtemp.errors import BadInput
 from flashtemp.march import march
 from flashtemp.residual import Noise, Place, lag_one, noise, structured, whiten
@@ -157,7 +157,7 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     seeings, pullings, runs = {}, {}, []
     groups = conditions(campaign)
     for number, (given, views, forces) in enumerate(groups, 1):
-        watch(f"condition {number} of {len(groups)}: {', '.join(f'{k} = {v}' for k, v in given.items()) or 'the case'}")
+        watch(f"condition {number} of {len(groups)}: {told(given)}")
         scene, run = simulate(campaign, given, views)
         runs.append(run)
         for view in views:
@@ -223,11 +223,11 @@ def check(view: View, scene: Scene) -> None:
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
     near = ROUNDED * schedule.end
-    for t, told in zip(time, view.recording.repetition, strict=True):
+    for t, said in zip(time, view.recording.repetition, strict=True):
         possible = [schedule.phase(at).repetition for at in (t - near, t + near)]
-        if told not in possible:
+        if said not in possible:
             raise BadInput(
-                f"{view.file}: repetition: {told} at {t:g} s, where the schedule of its condition is in repetition "
+                f"{view.file}: repetition: {said} at {t:g} s, where the schedule of its condition is in repetition "
                 f"{possible[0]}; mend schedule.* in with, or the recording"
             )
 

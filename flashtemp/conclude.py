@@ -42,19 +42,21 @@ def discover(
         search.calibrate()
         if search.base is None:
             raise SolverFailure(search.failed)
-        if not search.base.converged:
-            return _no_verdict(search, time.monotonic() - began), search
         search.extend()
+        search.settle()
+        if not search.best.converged:
+            return _no_verdict(search, time.monotonic() - began), search
         watch("judging")
         verdict = _verdict(search, time.monotonic() - began)
     return verdict, search
 
 
 def _no_verdict(search: Search, seconds: float) -> Verdict:
-    last = search.base.history[-1]
+    fit = search.best or search.base
+    last = fit.history[-1]
     return Verdict(
         title=search.study.campaign.title, kind="no_verdict",
-        says=(f"The calibration did not converge: after {len(search.base.history)} steps the next one would still move "
+        says=(f"The calibration did not converge: after {len(fit.history)} steps the next one would still move "
               f"a parameter by {last:.2g} of its prior standard deviation ({ENOUGH} is the limit).",
               "Check the values of the case and the conditions of the recordings before anything is concluded."),
         certificate=_certificate(search), warnings=(search.failed,) if search.failed else (), seconds=seconds,
@@ -150,7 +152,7 @@ def _moved(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, flo
 
 
 def _warnings(search: Search) -> tuple[str, ...]:
-    out = []
+    out = [f"{file}: left out, it {why}" for file, why in search.refused.items()]
     for file, level in search.data.noises.items():
         if not isinstance(level, float) and "white" in level.estimated:
             out.append(

@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.fit import Descent, Fit, descend, extra
-from flashtemp.look import Look, Wanted
+from flashtemp.errors import BadInput
+from flashtemp.fit import LOOSE, Descent, Fit, descend, extra
+from flashtemp.look import Wanted
 from flashtemp.model import Candidate, Model
 from flashtemp.score import Score, pairs, scores
+from flashtemp.strangers import strangers, without
 from flashtemp.study import MODES, Data, Study
 
 NAMED, WEAK = 8.0, 5.0  # ln Bayes factors: of a named cause, and of a hint
 APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
-MOST = 3  # causes
+MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
@@ -26,8 +28,8 @@ COARSE = (0.5, 0.7)  # cells per direction of the runs that tell what the mesh g
 
 @dataclass
 class Search:
-    """A campaign on its way to a verdict: `base` calibrated, `best` extended; `tried` {effects: fit} of every refit;
-    `ranking` the candidates' scores at the base and at every extension."""
+    """A campaign on its way to a verdict: `base` calibrated, `best` extended; `fits` {effects: fit} of every refit;
+    `ranking` the candidates' scores at the base and at every extension; `refused` {recording: why}."""
 
     study: Study
     data: Data
@@ -37,6 +39,7 @@ class Search:
     fits: dict[frozenset[str], Fit] = field(default_factory=dict)
     ranking: list[list[Score]] = field(default_factory=list)
     failed: str = ""
+    refused: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
     # --- calibration ---------------------------------------------------------------------------
@@ -52,15 +55,20 @@ class Search:
         for answer in (*first, *(a for looks in coarse for a in looks)):
             if isinstance(answer, Exception):
                 raise answer
+        self.refused = strangers(self.study, first)
+        if self.refused:
+            self.study, (first, *coarse) = without(self.study, [first, *coarse], self.refused)
+            self.data = Data(self.study)
+            if not self.study.conditions:
+                raise BadInput(*(f"{file}: {why}" for file, why in self.refused.items()))
         self.data.fix(first, coarse)
-        self.base = self._descend([self._from(model, {}, [], first)])[0]
+        descent = Descent(self.study, self.data, model, {})
+        descent.take(first)
+        self.base = self._descend([descent])[0]
         self.seconds["calibration"] = time.monotonic() - began
 
-    def _from(self, model, shifts, effects: list[Candidate], first: list[Look] | None = None) -> Descent:
-        descent = Descent(self.study, self.data, model, dict(shifts), extra(effects))
-        if first is not None:
-            descent.take(first)
-        return descent
+    def _from(self, model, shifts, effects: list[Candidate]) -> Descent:
+        return Descent(self.study, self.data, model, dict(shifts), extra(effects))
 
     def _descend(self, descents: list[Descent]) -> list[Fit | None]:
         descend(self.study, descents, self.watch, HOPELESS)
@@ -74,7 +82,6 @@ class Search:
         """A fit with the traces of all candidates at its point."""
         self.watch("traces of the candidate effects")
         descent = self._from(fit.model, fit.shifts, self._candidates(fit.model))
-        descent.bound = set(fit.bound)
         descent.wanted = Wanted(candidates=tuple(c for c in self.study.tried if c.effect not in fit.model.effects))
         looks = self.study.run(descent.tasks())
         for answer in looks:
@@ -101,6 +108,16 @@ class Search:
                 return
             self.best = self.traced(found)
             self.fits[frozenset(found.model.effects)] = self.best
+        self.ranking.append(scores(self.study, self.best, list(self.study.tried)))
+
+    def settle(self) -> None:
+        """Bring the best model to its certificate, where a base that misfits was left rough."""
+        if not self.best.converged:
+            descent = self._from(self.best.model, self.best.shifts, self._candidates(self.best.model))
+            descent.rough = False
+            found = self._descend([descent])[0]
+            if found is not None:
+                self.best = self.fits[frozenset(found.model.effects)] = found
 
     def _refit(self, ranked: list[Score], depth: int) -> Fit | None:
         """Full fits of the shortlist from the present best; the best of them if it is worth its parameters."""
@@ -111,7 +128,7 @@ class Search:
         if depth == 0 and len(ranked) > 1:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
-        extended = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and f.converged]
+        extended = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
         if not extended:
             return None
         best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))
@@ -125,6 +142,8 @@ class Search:
             model, own = self.best.model, self._candidates(self.best.model)
             for s in group:
                 model = model.with_effect(s.effect, _inside(s))
+            if len(group) == 1:
+                model = Model(_moved(self.study, model.free, group[0].free), model.effects)
             if frozenset(model.effects) not in self.fits:
                 descents.append(self._from(model, self.best.shifts, [*own, *(s.candidate for s in group)]))
         if descents:
@@ -132,6 +151,20 @@ class Search:
         for d, fit in zip(descents, self._descend(descents), strict=True):
             if fit is not None and alive(fit):
                 self.fits[frozenset(d.model.effects)] = fit
+
+
+def usable(fit: Fit) -> bool:
+    """Whether a fit is near enough to its best point to be compared and extended."""
+    return fit.history[-1] < LOOSE
+
+
+def _moved(study: Study, free: dict[str, float], steps: dict[str, float]) -> dict[str, float]:
+    """Free keys after steps, within two standard deviations of what was known."""
+    out = {}
+    for k, v in free.items():
+        sd = study.priors[k]
+        out[k] = float(np.clip(v + steps.get(k, 0.0), -2.0 * sd, 2.0 * sd))
+    return out
 
 
 def alive(fit: Fit) -> bool:

@@ -92,7 +92,7 @@ class System:
         return N, b, rr, count
 
     def solve(self, priors: dict[str, tuple[float, float]], products=None) -> Solution:
-        """Estimate the columns named in `priors` {name: (mean, sd)}; columns that no block knows keep their prior."""
+        """Estimate the columns named in `priors` {name: (mean, sd)}; those that no block knows are left out."""
         names = tuple(n for n in priors if n in self.index)
         at = [self.index[n] for n in names]
         N, b, rr, count = products or self.total()

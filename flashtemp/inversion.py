@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp import adequacy
+from flashtemp.campaign import told
 from flashtemp.fit import Fit, solved
 from flashtemp.gram import Solution
 from flashtemp.study import MODE, Study
@@ -54,9 +55,8 @@ def _missing(study: Study, solution: Solution, free, number: int, given, look) -
         value, error, _ = along(np.where(steady, 1.0, grown))
         flux.append(heat * value)
         flux_sd.append(heat * error)
-    words = ", ".join(f"{k} = {v:g}" if isinstance(v, (int, float)) else f"{k} = {v}" for k, v in given.items())
     return Missing(
-        words or "the case", x, repetition, np.array(flux), np.array(flux_sd), 1.0 + shape, band,
+        told(given), x, repetition, np.array(flux), np.array(flux_sd), 1.0 + shape, band,
         np.clip(1.0 - (band / prior) ** 2, 0.0, 1.0),
     )  # fmt: skip
 

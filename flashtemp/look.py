@@ -18,6 +18,7 @@ from flashtemp.campaign import Force, View
 from flashtemp.compare import check, grip, moments
 from flashtemp.effect import Effect, catalogue
 from flashtemp.generic import with_mode, with_scatter
+from flashtemp.keys import declared
 from flashtemp.march import march
 from flashtemp.model import SHARE, Candidate, Model, believed
 from flashtemp.run import Run
@@ -111,7 +112,8 @@ def _moves(task: Task, case, scene: Scene) -> dict[str, Move]:
 
     for name in wanted.own:
         if name in task.model.free:
-            moves[name] = Move(built(task.model.moved(name, FREE)), FREE)
+            step = -FREE if case[name] * np.exp(FREE) > _highest(name) else FREE
+            moves[name] = Move(built(task.model.moved(name, step)), step)
         elif catalogue()[name.split(".")[0]].heat is not Effect.heat:
             moves[name] = _own(task, built, name)
     if wanted.scatter:
@@ -133,6 +135,12 @@ def _moves(task: Task, case, scene: Scene) -> dict[str, Move]:
                     built(task.model.with_effect(c.effect, off | {k: off[k] + step})), step
                 )
     return moves
+
+
+def _highest(key: str) -> float:
+    """Upper bound of a key of the case."""
+    table, name = key.rsplit(".", 1)
+    return declared(table)[name].high
 
 
 def _own(task: Task, built, name: str) -> Move:

@@ -226,8 +226,8 @@ def restart(scene, balance, before, now) -> None:
     now.y = y
 
 
-def record(balance, stage, t, y, now, frame) -> None:
-    """Append surface profiles, friction, ledger and the cell temperatures at time t."""
+def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
+    """Append surface profiles, friction, ledger and the cell temperatures (in a `precision`) at time t."""
     scene, mesh, n = balance.scene, balance.scene.mesh, balance.n
     moment = stage.moment(t)
     worn = balance.worn_depth(y)
@@ -280,7 +280,7 @@ def record(balance, stage, t, y, now, frame) -> None:
         "energy": list(energy.values()),
     }
     if frame:
-        row |= {"frames": len(now.records.get("time", [])), "cells": cells.astype(np.float32)}
+        row |= {"frames": len(now.records.get("time", [])), "cells": cells.astype(precision)}
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)

@@ -61,7 +61,7 @@ class Model:
 
 
 def _within(key: str, value: float) -> float:
-    table, name = key.split(".", 1) if not key.startswith("materials.") else key.rsplit(".", 1)
+    table, name = key.rsplit(".", 1)
     param = declared(table)[name]
     low = math.nextafter(param.low, math.inf) if param.open_low else param.low
     return float(min(max(value, low), param.high))
@@ -105,14 +105,6 @@ class Candidate:
 
     def columns(self, variant: int = 0) -> list[str]:
         return [self.column(k, variant) for k in self.strengths]
-
-    def fitted(self) -> dict[str, tuple[float, float, bool]]:
-        """{parameter: (prior mean, prior sd, logarithmic)} of everything that a full fit may move."""
-        params = self.kind.params()
-        out = {k: (params[k].off, abs(a), False) for k, a in self.strengths.items()}
-        return out | {
-            k: (math.log(v), math.log(params[k].spread), True) for k, v in self.shapes.items() if params[k].spread > 1
-        }
 
 
 def candidates(case: cases.Case, names: tuple[str, ...] | None) -> tuple[list[Candidate], dict[str, str]]:

@@ -16,7 +16,7 @@ NOTHING = 1e-3  # z of a signature of typical strength below which an effect doe
 class Score:
     """A candidate in its best `variant`: `ln_bayes` against the model without it, `amplitude` of its strengths
     (change from off) with `sd`; `z` and `seen` (z of its typical strength) after projection, `raw_share` of
-    its signal that nuisances cannot absorb; `reason` why it cannot be, if so."""
+    its signal that nuisances cannot absorb; `free` steps of the free keys with it; `reason` why it cannot be, if so."""
 
     candidate: Candidate
     variant: int
@@ -26,6 +26,7 @@ class Score:
     z: float
     seen: float
     raw_share: float
+    free: dict[str, float]
     reason: str = ""
 
     @property
@@ -63,12 +64,13 @@ def _score(study, fit, c: Candidate, variant: int, own, more, base: float, produ
     share = float(np.max(np.diag(info) / np.maximum(raw, 1e-300)))
     none = (0.0,) * len(names)
     if seen < NOTHING or not np.all(np.isfinite(info)):
-        return Score(c, variant, 0.0, none, none, 0.0, seen, 0.0, "does nothing under these conditions")
+        return Score(c, variant, 0.0, none, none, 0.0, seen, 0.0, {}, "does nothing under these conditions")
     solution, _, _ = solved(study, fit.system, fit.model, fit.shifts, more | priors, products)
     amplitude = tuple(solution[n] for n in names)
     errors = tuple(solution.sd(n) for n in names)
     z = float(np.sqrt(max(u @ np.linalg.pinv(info, hermitian=True) @ u, 0.0)))
     gain = solution.ln_evidence - base - (np.log(len(c.variants)) if len(c.variants) > 1 else 0.0)
+    free = {k: solution[k] for k in study.priors if k in solution.names}
     wrong = [
         k
         for k, a in zip(c.strengths, amplitude, strict=True)
@@ -79,7 +81,7 @@ def _score(study, fit, c: Candidate, variant: int, own, more, base: float, produ
         sign = "below" if off[wrong[0]] + amplitude[0] < params[wrong[0]].low else "above"
         reason = f"would need {wrong[0]} {sign} what is possible"
         gain = min(gain, 0.0)
-    return Score(c, variant, float(gain), amplitude, errors, z, seen, share, reason)
+    return Score(c, variant, float(gain), amplitude, errors, z, seen, share, free, reason)
 
 
 @dataclass(frozen=True)

@@ -73,10 +73,21 @@ def prepare(campaign: Campaign, run: Callable) -> Study:
             raise BadInput(
                 f"{campaign.case}: {key}: {value!r} cannot be freed; give a number > 0, or leave it out of free"
             )
+        _may_move(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, given, views, tried) for given, views, _ in groups)
     return Study(campaign, tuple(groups), pins, tuple(tried), left, run, case)
+
+
+def _may_move(campaign: Campaign, case: cases.Case, key: str) -> None:
+    """BadInput unless a key can move while mesh and schedule stay."""
+    moved = cases.build(cases.load_with(case, {key: case[key] * 0.99}))
+    scene = cases.build(case)
+    same = all(np.array_equal(getattr(moved.mesh, k), getattr(scene.mesh, k)) for k in ("x", "height"))
+    if not same or moved.schedule.end != scene.schedule.end:
+        what = "schedule" if same else "mesh"
+        raise BadInput(f"{campaign.case}: free: {key!r} changes the {what}; free a parameter of the physics instead")
 
 
 def _pins(campaign: Campaign, given, views, tried) -> dict[str, Any]:

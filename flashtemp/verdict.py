@@ -27,8 +27,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Cause:
-    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2`, `held_out_gain` in nats per reading
-    left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
+    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2`, `held_out_gain` in ln probability of
+    all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
     signal to noise after projection, `raw_share` the share of its signal that calibration cannot absorb;
     `per_condition` (condition, value, stderr) of its first parameter, `consistent` the probability of so
     much scatter between conditions.

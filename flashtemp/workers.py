@@ -29,6 +29,8 @@ def crew(function: Callable, workers: int | None = None, scheduler: str | None =
         with _cluster(function, scheduler) as run:
             yield run
         return
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers: {workers}; give at least 1")
     count = workers or os.cpu_count() or 1
     if count == 1:
         yield lambda tasks: [attempt(function, t) for t in tasks]

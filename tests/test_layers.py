@@ -36,7 +36,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["look", "verdict"],
     ["study"],
     ["fit"],
-    ["score", "adequacy"],
+    ["score", "adequacy", "strangers"],
     ["discover"],
     ["judge", "inversion", "planning"],
     ["conclude"],

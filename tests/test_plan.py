@@ -1,0 +1,190 @@
+"""Before measuring: what planned views and conditions can tell apart, and which experiment would help."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flashtemp import campaign
+from flashtemp.__main__ import main
+from flashtemp.case import load
+from flashtemp.effect import catalogue
+from flashtemp.look import look
+from flashtemp.planning import SURE, plan
+from flashtemp.study import prepare
+from flashtemp.twin import Plan, twin
+from flashtemp.workers import crew
+
+CASE = """
+[block]
+height = 0.005
+[schedule]
+distance = 0.5
+repetitions = 1
+[road]
+track_length = 0.5
+[numerics]
+mesh = 0.4
+rtol = 1e-4
+"""
+ALIKE = ("conductance_load", "conductance_speed")
+OTHER = '{ "contact.pressure" = 7.5e4, "schedule.speed" = 0.3 }'
+
+
+def planned(*conditions: str, views=("sidewall", "wake"), candidates=ALIKE) -> str:
+    """A campaign without files."""
+    free = '"friction.mu", "contact.spot_fraction", "ambient.convection"'
+    rows = [f"[[recording]]\nview = '{view}'\nwith = {given}\n" for given in conditions for view in views]
+    return "\n".join([f"free = [{free}]", f"candidates = {list(candidates)}", *rows])
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A folder with a planned campaign."""
+
+    def write(text: str):
+        (tmp_path / "case.toml").write_text(CASE)
+        (tmp_path / "campaign.toml").write_text(text)
+        return tmp_path
+
+    return write
+
+
+def outlook(told):
+    with crew(look, 1) as run:
+        return plan(prepare(told, run))
+
+
+@pytest.fixture(scope="module")
+def outlooks(tmp_path_factory):
+    """One condition, and two that differ in load and speed."""
+    out = []
+    for conditions in (("{}",), ("{}", OTHER)):
+        folder = tmp_path_factory.mktemp("plan")
+        (folder / "case.toml").write_text(CASE)
+        (folder / "campaign.toml").write_text(planned(*conditions))
+        out.append(outlook(campaign.load(folder, planned=True)))
+    return out
+
+
+def by_name(found):
+    return {p.effect: p for p in found.prospects}
+
+
+def test_one_condition_cannot_tell_load_from_speed(outlooks):
+    """Uniform pressure and one speed: both are a constant resistance, so their traces are parallel."""
+    one = by_name(outlooks[0])
+    for name, other in zip(ALIKE, ALIKE[::-1], strict=True):
+        assert one[name].z > SURE  # it is seen
+        assert not one[name].separable
+        assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
+
+
+def test_two_conditions_tell_them_apart(outlooks):
+    one, two = map(by_name, outlooks)
+    for name in ALIKE:
+        assert two[name].separable
+        assert abs(two[name].rho) < 0.99
+        assert two[name].z_left > 3 * one[name].z_left
+
+
+def test_numbers_hang_together(outlooks):
+    for found in outlooks:
+        np.testing.assert_allclose(np.diag(found.separability.rho), 1.0)
+        np.testing.assert_allclose(found.separability.rho, found.separability.rho.T, atol=1e-9)
+        for p in found.prospects:
+            assert 0 <= p.z_left <= p.z * (1 + 1e-9)  # free rivals only take
+            kind = catalogue()[p.effect].params()[p.parameter.split(".")[1]]
+            assert p.detectable * p.z == pytest.approx(SURE * abs(kind.value - kind.off), rel=1e-9)
+            assert p.unit == kind.unit
+
+
+def test_more_data_never_tell_less(outlooks):
+    one, two = map(by_name, outlooks)
+    for name in one:
+        assert two[name].z > one[name].z * (1 - 1e-6)
+        assert two[name].z_left > one[name].z_left * (1 - 1e-6)
+
+
+def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
+    """The advice of one condition names both effects, and a measurement with another load or speed."""
+    first = outlooks[0].experiments[0]
+    assert set(ALIKE) <= set(first.helps)
+    assert min(first.z_left[e] for e in ALIKE) >= SURE
+    assert first.words.split()[-1] in ("speed", "pressure")
+    scores = [(len(e.helps), min(e.z_left.values())) for e in outlooks[0].experiments]
+    assert scores == sorted(scores, reverse=True)
+    by_words = {e.words: e for e in outlooks[0].experiments}
+    assert by_words["with the laboratory 20 K warmer"].helps == ()  # changes neither load nor speed
+
+
+def test_the_advice_comes_true(outlooks, tmp_path_factory):
+    """Planning the advised condition beside the first gives about the signal to noise that was promised."""
+    best = outlooks[0].experiments[0]
+    folder = tmp_path_factory.mktemp("advised")
+    (folder / "case.toml").write_text(CASE)
+    rows = ", ".join(f'"{k}" = {v}' for k, v in best.given.items())
+    (folder / "campaign.toml").write_text(planned("{}", f"{{ {rows} }}"))
+    found = by_name(outlook(campaign.load(folder, planned=True)))
+    for name in ALIKE:
+        assert found[name].separable
+        assert found[name].z_left == pytest.approx(best.z_left[name], rel=0.35)
+
+
+def test_what_is_measured_already_can_be_planned_on(tmp_path):
+    """Recordings as files: nothing of their values matters but the noise that they tell."""
+    (tmp_path / "case.toml").write_text(CASE)
+    out = twin(load(tmp_path / "case.toml"), Plan((), 3, 1, ("sidewall",), 2), tmp_path / "lab")
+    told = replace(campaign.load(out), candidates=("heat_depth", "pressure_tilt"))
+    [view] = told.views
+    warm = replace(view, recording=replace(view.recording, temperature=view.recording.temperature + 3.0))
+    first, second = (by_name(outlook(replace(told, views=(v,)))) for v in (view, warm))
+    for name, p in first.items():
+        assert p.z == pytest.approx(second[name].z, rel=1e-9)
+    loud = replace(view, sigma_K=10 * view.sigma_K)
+    third = by_name(outlook(replace(told, views=(loud,))))
+    assert third["pressure_tilt"].z < 0.7 * first["pressure_tilt"].z  # not a tenth: nuisances limit it
+
+
+def test_the_command_writes_numbers_and_a_picture(written, tmp_path, capsys):
+    folder, out = written(planned("{}", views=("profile",))), tmp_path / "out"
+    assert main(["plan", str(folder), "--out", str(out), "--workers", "1"]) == 0
+    text = capsys.readouterr().out
+    assert "effects can be told from all others" in text
+    assert sorted(p.name for p in out.iterdir()) == ["plan.json", "separability.png"]
+    assert (out / "separability.png").read_bytes().startswith(b"\x89PNG")
+    found = json.loads((out / "plan.json").read_text())
+    assert {e["effect"] for e in found["effects"]} == set(ALIKE)
+    for e in found["effects"]:
+        assert isinstance(e["separable"], bool)
+        assert e["effect"] in text
+    n = len(found["separability"]["effects"])
+    assert np.shape(found["separability"]["rho"]) == (n, n)
+    assert found["experiments"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (planned("{}", views=("sidewal",)), ("campaign.toml", "view: 'sidewal'", "sidewall, wake, profile")),
+        (planned("{}", candidates=("pressure_tillt",)), ("pressure_tillt", "did you mean 'pressure_tilt'")),
+        (planned('{ "contact.presure" = 1.0 }', views=("wake",)), ("contact.presure", "did you mean")),
+        ("", ("no [[recording]]",)),
+    ],
+)
+def test_bad_plans_are_told_in_one_line(written, capsys, text, said):
+    assert main(["plan", str(written(text))]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    for part in said:
+        assert part in lines[0]
+
+
+def test_what_is_only_planned_cannot_be_discovered(written, tmp_path, capsys):
+    """`discover` needs files; nothing is written."""
+    assert main(["discover", str(written(planned("{}"))), "--out", str(tmp_path / "out")]) == 2
+    assert "flashtemp plan" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

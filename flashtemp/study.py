@@ -237,5 +237,5 @@ def nuisances(study: Study, names, model: Model, shifts, scale: float = 1.0) -> 
         elif kind == "mode":
             out[name] = (0.0, scale * MODE / int(name.split(":")[1]))
         elif kind in GROUPS:
-            out[name] = (0.0, GROUPS[kind] * (scale if kind in ("scatter", "map", "wall") else 1.0))
+            out[name] = (0.0, GROUPS[kind] * (min(scale, 3.0) if kind in ("scatter", "map", "wall") else 1.0))
     return out

@@ -130,7 +130,6 @@ def test_a_far_start_ends_at_the_same_place(two, sign):
     assert descent.fit.ln_evidence == pytest.approx(best.ln_evidence, abs=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="fields in single precision make traces of weak parameters noisy")
 def test_steps_shrink_until_the_certificate(campaigns):
     """Gauss-Newton close to its end: a few looks, not a walk."""
     fit = campaigns(1).search.base

@@ -173,7 +173,6 @@ def test_a_cluster_answers_like_one_worker(monkeypatch):
     assert log == ["tcp://there:8786", "closed"]
 
 
-@pytest.mark.xfail(strict=True, reason="the message names an extra that the package does not have")
 def test_what_the_message_says_to_install_exists():
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     assert "cluster" in project["optional-dependencies"]

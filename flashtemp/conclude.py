@@ -66,7 +66,7 @@ def _no_verdict(search: Search, seconds: float) -> Verdict:
 def _certificate(search: Search) -> dict[str, Any]:
     fits = {" + ".join(sorted(k)) or "base": f for k, f in search.fits.items()} or {"base": search.base}
     return {
-        "converged": all(f.converged for f in (search.base, search.best or search.base)),
+        "converged": (search.best or search.base).converged,
         "limit": ENOUGH,
         "steps_over_prior": {k: list(f.history) for k, f in fits.items()},
     }
@@ -116,7 +116,7 @@ def _verdict(search: Search, seconds: float) -> Verdict:
         gates=shut,
         certificate=_certificate(search),
         assumed=study.priors | {f"{judge.CALLED.get(k, k)} anything": v for k, v in GROUPS.items()},
-        warnings=_warnings(search),
+        warnings=_warnings(search, final),
         seconds=seconds,
     )
     return replace(verdict, says=says(verdict))
@@ -151,7 +151,7 @@ def _moved(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, flo
     return tuple(out)
 
 
-def _warnings(search: Search) -> tuple[str, ...]:
+def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     out = [f"{file}: left out, it {why}" for file, why in search.refused.items()]
     for file, level in search.data.noises.items():
         if not isinstance(level, float) and "white" in level.estimated:
@@ -165,16 +165,16 @@ def _warnings(search: Search) -> tuple[str, ...]:
             out.append(f"{view.file}: {100 * dead:.0f} % of its pixels are dead")
         if gaps:
             out.append(f"{view.file}: {gaps} frames hold no values")
-        out += _strange(search, view)
+        out += _strange(final, view)
     if len(search.study.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
     return tuple(out)
 
 
-def _strange(search: Search, view) -> list[str]:
+def _strange(fit: Fit, view) -> list[str]:
     """A recording that does not belong: of another condition, or upside down."""
-    block = next(b for b in search.base.blocks if b.label == view.file)
-    level = float(np.mean(residual(block, search.base.solution) ** 2))
+    block = next(b for b in fit.blocks if b.label == view.file)
+    level = float(np.mean(residual(block, fit.solution) ** 2))
     if level < 4.0:
         return []
     return [

@@ -57,6 +57,9 @@ def scores(study: Study, fit: Fit, tried: list[Candidate]) -> list[Score]:
 def _score(study, fit, c: Candidate, variant: int, own, more, base: float, products) -> Score:
     names = c.columns(variant)
     params, off = c.kind.params(), c.off(variant)
+    if any(n not in fit.system.index for n in names):
+        none = (0.0,) * len(names)
+        return Score(c, variant, 0.0, none, none, 0.0, 0.0, 0.0, {}, "nothing that was measured could show it")
     priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
     u, info, raw = fit.system.projected(own, names, products)
     sd = np.array([abs(a) for a in c.strengths.values()])

@@ -15,9 +15,11 @@ SEEN = 0.3  # K: misfits below it are no ground for suspicion
 
 def strangers(study: Study, looks: list[Look]) -> dict[str, str]:
     """{file: what it seems to be} of recordings that fit far better upside down or to another condition."""
-    out = {}
+    out = _copies(study)
     for number, ((_, views, _), look) in enumerate(zip(study.conditions, looks, strict=True)):
         for view in views:
+            if view.file in out:
+                continue
             sight, T = look.sights[view.file], view.recording.temperature
             own = _misfit(T, sight.predicted, sight.inside)
             if not own > SEEN:
@@ -35,6 +37,18 @@ def strangers(study: Study, looks: list[Look]) -> dict[str, str]:
             best = min(ways, key=ways.get, default=None)
             if best is not None and ways[best] < CLEARLY * own:
                 out[view.file] = f"{best}: it differs by {own:.2g} K rms as told, by {ways[best]:.2g} K so"
+    return out
+
+
+def _copies(study: Study) -> dict[str, str]:
+    """Recordings that hold the same values as one before: noise repeated is no second measurement."""
+    out, seen = {}, []
+    for view in study.campaign.views:
+        T = view.recording.temperature
+        twin = next((v for v in seen if np.array_equal(v.recording.temperature, T, equal_nan=True)), None)
+        if twin is not None and np.isfinite(T).any() and np.nanstd(T) > 0:
+            out[view.file] = f"is the same as {twin.file}"
+        seen.append(view)
     return out
 
 

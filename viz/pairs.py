@@ -152,25 +152,28 @@ def name(key: str) -> str:
 
 
 # --- numbers ----------------------------------------------------------------------------------------
-def rows(recording) -> np.ndarray:
-    """Rows of an image that are nearest the contact (side wall) or the centre line (wake)."""
-    v = recording.v
-    away = v - v[0] if recording.view == "sidewall" else np.abs(v)
-    return np.flatnonzero(away <= away.min() + NEAR)
+def rows(seeing) -> np.ndarray:
+    """Rows of an image that hold anything and are nearest the contact (side wall) or the centre line (wake)."""
+    seen = np.flatnonzero(np.isfinite(seeing.residual).any(axis=(0, 2)))
+    if not len(seen):
+        return np.arange(len(seeing.view.recording.v))
+    away = np.abs(seeing.view.recording.v[seen])
+    return seen[away <= away.min() + NEAR]
 
 
-def where(recording) -> str:
+def where(seeing) -> str:
     """The rows of T(x) in words."""
+    recording = seeing.view.recording
     if recording.view == "profile":
         return "along the block"
-    v = 1e3 * recording.v[rows(recording)]
+    v = 1e3 * recording.v[rows(seeing)]
     axis = "z" if recording.view == "sidewall" else "y"
     return f"mean of {axis} = {theme.number(v[0], 2)} to {theme.number(v[-1], 2)} mm"
 
 
 def line(seeing, values: np.ndarray, frame: int) -> np.ndarray:
     """T(x) (nu,) in degC of one frame of images (frames, nv, nu): mean of `rows`, NaN where nothing is compared."""
-    some = rows(seeing.view.recording)
+    some = rows(seeing)
     good = np.isfinite(seeing.residual[frame, some])
     count = good.sum(axis=0)
     total = np.where(good, values[frame, some], 0.0).sum(axis=0)

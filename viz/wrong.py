@@ -176,7 +176,7 @@ def curves(ax, pair) -> None:
         if pair.after is not None:
             ax.plot(x, pairs.line(pair.before, pair.after.predicted, k), "-", color=colour, lw=1.0)
     ax.set_ylabel(f"T ({theme.DEGREE})")
-    ax.set_title(f"T(x), {pairs.where(pair.recording)}", fontsize=7.0, pad=3)
+    ax.set_title(f"T(x), {pairs.where(pair.before)}", fontsize=7.0, pad=3)
     ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(4))
     ax.grid(lw=0.3, color=theme.WAITING)

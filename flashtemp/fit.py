@@ -17,7 +17,9 @@ from flashtemp.study import Data, Study, nuisances
 ENOUGH = 0.01  # largest last step over its prior standard deviation
 SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
-MISFIT, LOOSE, FEW = 20.0, 0.2, 5  # standard errors of chi2, and the step and tries that then are enough
+LONGEST = 1.5  # step, in prior standard deviations
+HALVINGS, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back, the loss that asks for one, and what stands still
+MISFIT, LOOSE, FEW = 20.0, 0.2, 8  # standard errors of chi2, and the step and tries that then are enough
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
 
 
@@ -101,6 +103,8 @@ class Descent:
     history: list[float] = field(default_factory=list)
     fit: Fit | None = None
     failed: str = ""
+    reached: tuple[Model, dict, float] | None = None  # the best point so far and its evidence
+    halved: int = 0
     rough: bool = True  # a model that misfits grossly need not be exact: what extends it must
 
     @property
@@ -135,6 +139,11 @@ class Descent:
                 break
             bound.add(max(outside, key=lambda n: abs(solution[n]) / priors[n][1]))
         steps = {n: solution[n] for n in solution.names if n in priors and self._moves(n)}
+        value = _evidence(system, priors, list(steps))
+        if self.reached is not None and value < self.reached[2] - WORSE and self.halved < HALVINGS:
+            self._back()
+            return
+        self.reached, self.halved = (self.model, dict(self.shifts), value), 0
         size = max((abs(s) / priors[n][1] * (SHIFTED if n.startswith("shift_") else 1.0) for n, s in steps.items()),
                    default=0.0)  # fmt: skip
         self.history.append(float(size))
@@ -143,14 +152,28 @@ class Descent:
         if not self.fit.converged:
             self._move(steps, priors)
 
+    def _back(self) -> None:
+        """Half the way back to the best point so far: the last step went too far."""
+        self.halved += 1
+        model, shifts, _ = self.reached
+        free = {k: 0.5 * (v + model.free[k]) for k, v in self.model.free.items()}
+        effects = {
+            e: {k: 0.5 * (v + model.effects[e][k]) if v != model.effects[e][k] else v for k, v in own.items()}
+            for e, own in self.model.effects.items()
+        }
+        self.model = Model(free, effects)
+        old = {f: shifts.get(f, (0.0, 0.0)) for f in self.shifts}
+        self.shifts = {f: (0.5 * (s[0] + old[f][0]), 0.5 * (s[1] + old[f][1])) for f, s in self.shifts.items()}
+
     def _moves(self, name: str) -> bool:
         return name in self.study.priors or name in self.more.priors or name.startswith("shift_")
 
     def _move(self, steps, priors) -> None:
         free, effects = dict(self.model.free), {k: dict(v) for k, v in self.model.effects.items()}
         shifts = {f: list(s) for f, s in self.shifts.items()}
+        far = max((abs(s) / priors[n][1] for n, s in steps.items() if not n.startswith("shift_")), default=0.0)
         for name, step in steps.items():
-            step = float(np.clip(step, -3.0 * priors[name][1], 3.0 * priors[name][1]))
+            step = float(step) * min(1.0, LONGEST / max(far, 1e-300))
             if name in free:
                 free[name] += step
             elif name.startswith("shift_"):
@@ -176,6 +199,13 @@ class Descent:
         """Whether a parameter that lies on its bound would be pushed beyond."""
         value = self._value(name)
         return value == self._bounded(name, value) and self._bounded(name, value + step) == value and step != 0.0
+
+
+def _evidence(system: System, priors, moving: list[str]) -> float:
+    """ln evidence at the point itself: what moves stands still, the rest is free."""
+    still = {n: ((0.0, TIGHT * sd) if n in moving else (mean, sd)) for n, (mean, sd) in priors.items()}
+    pulls = sum((priors[n][0] / priors[n][1]) ** 2 for n in moving)
+    return system.solve(still).ln_evidence - 0.5 * pulls
 
 
 def descend(

@@ -234,8 +234,8 @@ def nuisances(study: Study, names, model: Model, shifts, scale: float = 1.0) -> 
             out[name] = (-model.free[name], study.priors[name])
         elif kind in ("shift_u", "shift_v"):
             out[name] = (-shifts.get(file, (0.0, 0.0))[kind == "shift_v"], known[file])
-        elif kind == "mode":
-            out[name] = (0.0, scale * MODE / int(name.split(":")[1]))
+        elif kind in ("mode", "trend"):
+            out[name] = (0.0, scale * MODE / int(name.partition("|")[0].split(":")[1]))
         elif kind in GROUPS:
             out[name] = (0.0, GROUPS[kind] * (min(scale, 3.0) if kind in ("scatter", "map", "wall") else 1.0))
     return out

@@ -82,7 +82,8 @@ def _verdict(search: Search, seconds: float) -> Verdict:
     effects = list(final.model.effects)
     out_base = judge.left_out(study, search, base)
     out_final = judge.left_out(study, search, final) if effects else out_base
-    plain_base, plain_final = judge.plain(study, base), judge.plain(study, final)
+    plain_base = judge.as_known(search, base)
+    plain_final = judge.as_known(search, final) if effects else plain_base
     before, pulled_before = judge.seen(search, plain_base)
     after, pulled_after = judge.seen(search, plain_final) if effects else (before, pulled_before)
     plain_out = judge.left_out(study, search, plain_base)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from flashtemp.campaign import told
 from flashtemp.compare import judge, judge_pull
 from flashtemp.discover import APART, MOST, NAMED, WEAK, Search
 from flashtemp.effect import catalogue
-from flashtemp.fit import Fit, Study
+from flashtemp.fit import Descent, Fit, Study, descend, extra
 from flashtemp.gram import Solution, System, residual
 from flashtemp.score import Score, separability
 from flashtemp.verdict import Cause, Estimate, Fitness, Pull, Rival
@@ -21,14 +21,14 @@ SCATTERED = 4.0
 BIASED = 1.0  # inflation of standard errors, from benchmarks/discover.py
 
 
-PLAIN = ("shift_u", "shift_v", "gain", "spread", "level", "cell", "mesh")  # what everybody would calibrate
-
-
-def plain(study: Study, fit: Fit) -> Fit:
+def as_known(search: Search, fit: Fit) -> Fit:
     """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it."""
-    priors = {n: v for n, v in fit.priors.items() if n in study.priors or n.split(".")[0] in fit.model.effects
-              or n.partition("|")[0].split(":")[0] in PLAIN}  # fmt: skip
-    return replace(fit, priors=priors, solution=fit.system.solve(priors))
+    effects = [c for c in search.study.tried if c.effect in fit.model.effects]
+    descent = Descent(search.study, search.data, fit.model, dict(fit.shifts), extra(effects), stiff=True)
+    descent.take(fit.looks)
+    if not descent.done:
+        descend(search.study, [descent])
+    return descent.fit
 
 
 # --- data left out -------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ def _unit(key: str) -> str:
 CALLED = {
     "shift_u": "shift along u of", "shift_v": "shift along v of", "gain": "camera gain of", "spread": "optics of",
     "map": "gain map of", "wall": "cooler wall of", "scatter": "friction of a repetition in",
-    "level": "friction of", "mesh": "coarser mesh in", "cell": "gain of the load cell",
+    "level": "friction of", "trend": "drifting pressure in", "mesh": "coarser mesh in", "cell": "load cell's gain",
 }  # fmt: skip
 
 
@@ -295,6 +295,7 @@ def _called(name: str) -> str:
     if where.isdigit():
         where = f"condition {int(where) + 1}"
     number = f" ({', '.join(which)})" if which else ""
+    where = where.rpartition("/")[2]
     return f"{CALLED.get(kind, kind)} {where}{number}".strip()
 
 

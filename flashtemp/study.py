@@ -222,6 +222,14 @@ def _names(columns: list[str], number: int, file: str) -> tuple[tuple[str, int],
     return tuple(out)
 
 
+PLAIN = ("shift_u", "shift_v", "gain", "spread", "level", "cell", "mesh")  # what everybody would calibrate
+
+
+def plain(study: Study, priors: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition."""
+    return {n: v for n, v in priors.items() if n in study.priors or n.partition("|")[0].split(":")[0] in PLAIN}
+
+
 def nuisances(study: Study, names, model: Model, shifts, scale: float = 1.0) -> dict[str, tuple[float, float]]:
     """(mean, standard deviation) of everything that calibration may move, seen from a point; `scale` of what is
     small and unknown in shape."""

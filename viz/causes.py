@@ -165,6 +165,6 @@ def _pulls(ax, pulls: list, total: int) -> None:
     ax.set_ylim(len(pulls) - 0.4, -0.6)
     most = 1.1 * max(3.6, float(np.abs(values).max()))
     ax.set_xlim(-most, most)
-    ax.set_xlabel("pull, sigma of what was known (–)")
+    ax.set_xlabel("pull (sigma)")
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_title(f"calibrated nuisances{f', {len(pulls)} largest of {total}' if total > len(pulls) else ''}")
+    ax.set_title(f"nuisances{f', {len(pulls)} of {total}' if total > len(pulls) else ''}")

@@ -12,7 +12,7 @@ from flashtemp.effect import catalogue
 from flashtemp.gram import Block, Solution, System
 from flashtemp.look import Look, Wanted
 from flashtemp.model import Candidate, Model
-from flashtemp.study import Data, Study, nuisances, plain
+from flashtemp.study import Data, Study, nuisances
 
 ENOUGH = 0.01  # largest last step over its prior standard deviation
 SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
@@ -80,16 +80,12 @@ def extra(candidates: list[Candidate]) -> Extra:
     return Extra(priors)
 
 
-def solved(study: Study, system: System, model: Model, shifts, more, products=None, stiff: bool = False):
-    """The best solution over the scales of deviations of unknown shape, its priors and that scale.
-
-    `stiff`: without such deviations, the model as people know it.
-    """
+def solved(study: Study, system: System, model: Model, shifts, more, products=None) -> tuple[Solution, dict, float]:
+    """The best solution over the scales of deviations of unknown shape, its priors and that scale."""
     products = products or system.total()
     found = []
-    for scale in (1.0,) if stiff else SCALES:
-        priors = nuisances(study, system.names, model, shifts, scale)
-        priors = (plain(study, priors) if stiff else priors) | more
+    for scale in SCALES:
+        priors = nuisances(study, system.names, model, shifts, scale) | more
         found.append((system.solve(priors, products), priors, scale))
     return max(found, key=lambda f: f[0].ln_evidence)
 
@@ -109,7 +105,6 @@ class Descent:
     failed: str = ""
     reached: tuple[Model, dict, float] | None = None  # the best point so far and its evidence
     halved: int = 0
-    stiff: bool = False
     rough: bool = True  # a model that misfits grossly need not be exact: what extends it must
 
     @property
@@ -138,7 +133,7 @@ class Descent:
         bound: set[str] = set()
         while True:
             more = {k: v for k, v in self.more.seen_from(self.model).items() if k not in bound}
-            solution, priors, scale = solved(self.study, system, self.model, self.shifts, more, None, self.stiff)
+            solution, priors, scale = solved(self.study, system, self.model, self.shifts, more)
             outside = [n for n in more if n in solution.names and self._leaves(n, solution[n])]
             if not outside:
                 break

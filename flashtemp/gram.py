@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import lsq_linear
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,19 @@ class System:
         ln_det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         inverse = cho_solve(factor, np.eye(len(at)))
         return Solution(names, sd * u, sd[:, None] * inverse * sd[None], -0.5 * (chi2 + ln_det), chi2, count)
+
+    def bounded(self, priors: dict[str, tuple[float, float]], most: float) -> Solution:
+        """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
+        free = self.solve(priors)
+        at = [self.index[n] for n in free.names]
+        N, b, rr, count = self.total()
+        mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
+        A = sd[:, None] * N[np.ix_(at, at)] * sd[None] + np.eye(len(at))
+        rhs, middle = sd * b[at] + mean / sd, mean / sd
+        L = np.linalg.cholesky(A)
+        u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - most, middle + most)).x
+        chi2 = rr + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
+        return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, count)
 
     def projected(self, nuisance: dict[str, tuple[float, float]], wanted: list[str], products=None):
         """What the nuisances cannot absorb: score u (w,), information I (w, w) and its raw diagonal (w,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,24 +11,25 @@ from flashtemp.campaign import told
 from flashtemp.compare import judge, judge_pull
 from flashtemp.discover import APART, MOST, NAMED, WEAK, Search
 from flashtemp.effect import catalogue
-from flashtemp.fit import Descent, Fit, Study, descend, extra
+from flashtemp.fit import Fit, Study
 from flashtemp.gram import Solution, System, residual
 from flashtemp.score import Score, separability
+from flashtemp.study import plain
 from flashtemp.verdict import Cause, Estimate, Fitness, Pull, Rival
 
 GENERIC, MODAL, EXCESS = 0.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
-SCATTERED = 4.0
+SCATTERED, ALLOWED = 4.0, 3.0
 BIASED = 1.0  # inflation of standard errors, from benchmarks/discover.py
 
 
 def as_known(search: Search, fit: Fit) -> Fit:
-    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it."""
-    effects = [c for c in search.study.tried if c.effect in fit.model.effects]
-    descent = Descent(search.study, search.data, fit.model, dict(fit.shifts), extra(effects), stiff=True)
-    descent.take(fit.looks)
-    if not descent.done:
-        descend(search.study, [descent])
-    return descent.fit
+    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
+
+    Nothing may go farther than ALLOWED standard deviations from what was known, however badly the model fits.
+    """
+    own = {n: v for n, v in fit.priors.items() if n.split(".")[0] in fit.model.effects}
+    priors = plain(search.study, fit.priors) | own
+    return replace(fit, priors=priors, solution=fit.system.bounded(priors, ALLOWED))
 
 
 # --- data left out -------------------------------------------------------------------------------------

@@ -35,7 +35,7 @@ def draw(outlook) -> Figure:
     right.set_ylim(len(names) - 0.5, -0.5)
     right.set_yticks([])
     right.set_title("sigma left beside all rivals")
-    right.set_xlabel("at typical strength; from 5 on (line) it is told from all others")
+    right.set_xlabel("typical strength; from 5 on, told apart")
     return fig
 
 

@@ -211,7 +211,7 @@ def _refined(task: Task, see, run, scene, name: str, plain) -> np.ndarray:
 
 
 def _optics(see, run, recording, shift) -> dict[str, np.ndarray]:
-    """What the camera's own unknowns change: shift along u and v (px), emissivity, point spread (relative)."""
+    """What the camera's own unknowns change: shift along u and v (px), gain, point spread (relative)."""
     out = {}
     for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
         if n > 1 and recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):

@@ -21,9 +21,9 @@ MODES = 6  # cosines of the pressure along the block
 GROUPS = {  # standard deviations of what no laboratory knows better, by the kind of nuisance
     "scatter": 0.01,  # of friction from repetition to repetition
     "level": 0.02,  # of friction from condition to condition
-    "gain": 0.01,  # emissivity of a view
+    "gain": 0.01,  # what a view takes the radiance times
     "spread": 0.05,  # relative width of the optics
-    "map": 0.003,  # emissivity along and up a view
+    "map": 0.003,  # gain along and up a view
     "wall": 0.01,  # what the wall is cooler than the section behind it
     "mesh": 0.5,  # of the difference to a mesh half as fine
     "cell": 0.005,  # gain of the load cell
@@ -184,7 +184,7 @@ def _stack(columns: list[np.ndarray], n: int) -> np.ndarray:
 
 
 def _images(view, sight) -> dict[str, np.ndarray]:
-    """Smooth maps that a camera may see and no run explains: emissivity along a view, and the wall's own cooling."""
+    """Smooth maps that a camera may see and no run explains: gain along a view, and the wall's own cooling."""
     r, rise = view.recording, sight.predicted - (view.recording.reflected_degC or float(np.nanmin(sight.predicted)))
     x = (r.u - r.u[0]) / max(r.u[-1] - r.u[0], 1e-12)
     y = (r.v - r.v[0]) / max(r.v[-1] - r.v[0], 1e-12) if len(r.v) > 1 else np.zeros(1)

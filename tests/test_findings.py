@@ -449,7 +449,7 @@ def test_extreme_numbers_are_drawn():
     v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
     render(causes.why(v))
     fig = render(causes.alternatives(v))
-    assert "24 largest of 40" in fig.axes[0].get_title(loc="left")
+    assert "24 of 40" in fig.axes[0].get_title(loc="left")
     same = Fitness(0.0701, 1.066, 0.071, 1.0)
     close = replace(same, rmse_K=0.0659)
     render(gain.draw(verdict("named", base=same, extended=close, shifts=())))

@@ -45,6 +45,8 @@ class Series:
         """Time at which the integral first equals `area` (number or array); inf when it never does."""
         wanted = np.asarray(area, dtype=float)
         t, v, sums = self._arrays
+        rounded = (wanted > sums[-1]) & (wanted <= sums[-1] * (1 + 1e-12))  # what comes to rest just at the end
+        wanted = np.where(rounded, sums[-1], wanted)
         k = np.searchsorted(sums, wanted)
         last = np.maximum(k - 1, 0)
         t0, s0, v0 = np.where(k == 0, 0.0, t[last]), np.where(k == 0, 0.0, sums[last]), np.where(k == 0, v[0], v[last])

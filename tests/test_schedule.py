@@ -150,3 +150,9 @@ def test_waiting_counts_as_slid_to_the_end():
 def test_prints_as_a_sentence():
     s = Schedule(Series((0.0, 9.0), (0.1, 0.2)), constant(1e5), distance=0.5, repetitions=2, wait=3.0, lifted=False)
     assert str(s).startswith("Schedule 2 x 0.5 m at 0.1..0.2 m/s, wait 3 s, block in contact while waiting")
+
+
+def test_coming_to_rest_just_at_the_end_is_reached():
+    """A sum rounded upwards must not make the last row unreachable."""
+    s = Series((0.5, 1.5, 2.5), (1.0, 0.562, 0.0))
+    assert s.reach(s.integral(2.5)) == pytest.approx(2.5)

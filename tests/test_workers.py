@@ -117,7 +117,8 @@ def stand_in(monkeypatch, client):
 
 
 def test_without_dask(monkeypatch):
-    monkeypatch.setitem(sys.modules, "dask", None)
+    for name in ("dask", "dask.distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said, crew(find, None, "a:1"):
         pass
     assert len(said.value.lines) == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flashtemp.campaign import told
 from flashtemp.fit import Fit, Study, solved
 from flashtemp.gram import residual
 from flashtemp.residual import lag_one
@@ -12,6 +13,7 @@ from flashtemp.verdict import Test
 
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
+SCATTERED = 4.0  # -log10 of the probability that an amplitude scatters so between conditions
 TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
 
@@ -74,6 +76,32 @@ def structure(fit: Fit, seed: int, stage: str) -> list[Test]:
             far = np.abs(toys[:, j] - np.median(toys[:, j])) >= abs(value - np.median(toys[:, j]))
             out.append(Test(name, block.label, float(value), float((1 + far.sum()) / (1 + TOYS)), stage))
     return out
+
+
+def per_condition(study: Study, fit: Fit, name: str) -> tuple[tuple[str, float, float], ...]:
+    """The first parameter of an effect as each condition alone would have it, the rest as all say."""
+    out, now = [], fit.model.effects[name.split(".")[0]][name.split(".")[1]]
+    shared = {n: (float(d), 1e-3 * float(np.sqrt(v))) for n, d, v in
+              zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
+              if "|" not in n and n != name}  # fmt: skip
+    for number, (given, _, _) in enumerate(study.conditions):
+        own = fit.system.total(lambda b, number=number: b.condition == number and not b.held_out)
+        if own[3]:
+            solution = fit.system.solve(fit.priors | shared | {name: (0.0, 1e3 * fit.priors[name][1])}, own)
+            out.append((told(given), now + solution[name], solution.sd(name)))
+    return tuple(out)
+
+
+def consistent(conditions) -> float:
+    """Probability of so much scatter between conditions if all had the same value."""
+    from scipy.stats import chi2
+
+    if len(conditions) < 2:
+        return 1.0
+    value, sd = np.array([c[1] for c in conditions]), np.array([c[2] for c in conditions])
+    weight = 1.0 / sd**2
+    mean = float(weight @ value / weight.sum())
+    return float(chi2.sf(np.sum(((value - mean) / sd) ** 2), len(value) - 1))
 
 
 def _statistics(left: np.ndarray) -> dict[str, float]:

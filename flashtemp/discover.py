@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp import adequacy
 from flashtemp.errors import BadInput
 from flashtemp.fit import LOOSE, Descent, Fit, descend, extra
 from flashtemp.look import Wanted
@@ -129,11 +130,20 @@ class Search:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
         extended = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
+        if depth:
+            extended = [f for f in extended if self._agrees(f)]
         if not extended:
             return None
         best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))
         gained = best.ln_evidence - self.best.ln_evidence
         return best if gained > NAMED * (len(best.model.effects) - len(self.best.model.effects)) else None
+
+    def _agrees(self, fit: Fit) -> bool:
+        """Whether what a further cause adds is the same in all conditions: if not, it mops up something else."""
+        new = fit.model.effects.keys() - self.best.model.effects.keys()
+        added = [n for n in fit.solution.names if n.split(".")[0] in new]
+        found = [adequacy.per_condition(self.study, fit, n) for n in added]
+        return all(adequacy.consistent(f) > 10.0**-adequacy.SCATTERED for f in found)
 
     def _fit(self, groups: list[tuple[Score, ...]]) -> None:
         """Full fits of groups of candidates added to the present best."""

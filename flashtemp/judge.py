@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flashtemp import adequacy
-from flashtemp.campaign import told
 from flashtemp.compare import judge, judge_pull
 from flashtemp.discover import APART, MOST, NAMED, WEAK, Search
 from flashtemp.effect import catalogue
@@ -18,7 +17,7 @@ from flashtemp.study import plain
 from flashtemp.verdict import Cause, Estimate, Fitness, Pull, Rival
 
 GENERIC, MODAL, EXCESS = 0.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
-SCATTERED, ALLOWED = 4.0, 3.0
+ALLOWED = 3.0  # standard deviations of what was known
 INFLATED = 1.4  # of standard errors: how much wider (found - true)/stderr scattered over 28 campaigns
 
 
@@ -148,7 +147,7 @@ def cause(search: Search, effect: str, fit: Fit, base: LeftOut, extended: LeftOu
     bound = sorted(n for n in fit.bound if n.startswith(f"{effect}."))
     estimates = tuple(_estimate(fit, n) for n in (*own, *bound))
     single = separability(search.base, list(search.study.tried))
-    conditions = per_condition(search.study, fit, own[0]) if own else ()
+    conditions = adequacy.per_condition(search.study, fit, own[0]) if own else ()
     return Cause(
         effect=effect,
         words=catalogue()[effect].cause,
@@ -160,7 +159,7 @@ def cause(search: Search, effect: str, fit: Fit, base: LeftOut, extended: LeftOu
         z=score.z if score else 0.0,
         raw_share=score.raw_share if score else 0.0,
         per_condition=conditions,
-        consistent=_consistent(conditions),
+        consistent=adequacy.consistent(conditions),
     )
 
 
@@ -181,32 +180,6 @@ def _estimate(fit: Fit, name: str) -> Estimate:
     value, sd = value + fit.solution[name], INFLATED * fit.solution.sd(name)
     low, high = (float(np.clip(value + s * 1.96 * sd, param.low, param.high)) for s in (-1, 1))
     return Estimate(name, float(np.clip(value, param.low, param.high)), sd, (low, high), param.unit)
-
-
-def per_condition(study: Study, fit: Fit, name: str) -> tuple[tuple[str, float, float], ...]:
-    """The first parameter of an effect as each condition alone would have it, the rest as all say."""
-    out, now = [], fit.model.effects[name.split(".")[0]][name.split(".")[1]]
-    shared = {n: (float(d), 1e-3 * float(np.sqrt(v))) for n, d, v in
-              zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
-              if "|" not in n and n != name}  # fmt: skip
-    for number, (given, _, _) in enumerate(study.conditions):
-        own = fit.system.total(lambda b, number=number: b.condition == number and not b.held_out)
-        if own[3]:
-            solution = fit.system.solve(fit.priors | shared | {name: (0.0, 1e3 * fit.priors[name][1])}, own)
-            out.append((told(given), now + solution[name], solution.sd(name)))
-    return tuple(out)
-
-
-def _consistent(conditions) -> float:
-    """Probability of so much scatter between conditions if all had the same value."""
-    from scipy.stats import chi2
-
-    if len(conditions) < 2:
-        return 1.0
-    value, sd = np.array([c[1] for c in conditions]), np.array([c[2] for c in conditions])
-    weight = 1.0 / sd**2
-    mean = float(weight @ value / weight.sum())
-    return float(chi2.sf(np.sum(((value - mean) / sd) ** 2), len(value) - 1))
 
 
 def rivals(search: Search, accepted: list[str]) -> tuple[Rival, ...]:
@@ -306,13 +279,13 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     theta = max((abs(v) for n, v in away.items() if n in search.study.priors), default=0.0)
     camera = max((abs(v) for n, v in away.items() if n not in search.study.priors), default=0.0)
     conditions = [
-        per_condition(search.study, fit, n) for n in fit.solution.names if n.split(".")[0] in fit.model.effects
+        adequacy.per_condition(search.study, fit, n) for n in fit.solution.names if n.split(".")[0] in fit.model.effects
     ]
-    scatter = max((-np.log10(max(_consistent(c), 1e-99)) for c in conditions), default=0.0)
+    scatter = max((-np.log10(max(adequacy.consistent(c), 1e-99)) for c in conditions), default=0.0)
     third = search.ranking[-1][0].ln_bayes if len(search.ranking) > MOST and search.ranking[-1] else 0.0
     return {
         "a third cause (ln Bayes factor)": (third, 2.0 * NAMED),
-        "amplitude differs between conditions (-log10 of its probability)": (scatter, SCATTERED),
+        "amplitude differs between conditions (-log10 of its probability)": (scatter, adequacy.SCATTERED),
         "heat of any shape (ln Bayes factor)": (adequacy.generic(search.study, fit), GENERIC),
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),
         "calibrated parameters (standard deviations)": (theta, adequacy.PULL),

@@ -80,20 +80,20 @@ def _verdict(search: Search, seconds: float) -> Verdict:
         hint = _hint(search)
     final = hint or best
     effects = list(final.model.effects)
-    out_base = judge.left_out(study, search, base)
-    out_final = judge.left_out(study, search, final) if effects else out_base
+    out_base = judge.left_out(search, base)
+    out_final = judge.left_out(search, final) if effects else out_base
     plain_base = judge.as_known(search, base)
     plain_final = judge.as_known(search, final) if effects else plain_base
     before, pulled_before = judge.seen(search, plain_base)
     after, pulled_after = judge.seen(search, plain_final) if effects else (before, pulled_before)
-    plain_out = judge.left_out(study, search, plain_base)
+    plain_out = judge.left_out(search, plain_base)
     causes = tuple(judge.cause(search, e, final, out_base, out_final) for e in effects)
     shut = judge.gates(search, final)
     alike = judge.group(search) if accepted else ()
     kind = _kind(search, accepted, hint, shut, alike, out_base, out_final)
     sep = separability(base, list(study.tried))
     order = np.argsort(-sep.z)[:SHOWN]
-    advice = planning.advise(study, search.data, best, alike) if kind == "group" else ""
+    advice = planning.advise(study, best, alike) if kind == "group" else ""
     if kind in ("none_needed", "unexplained") and not accepted:
         causes, after, pulled_after = (), before, pulled_before
     verdict = Verdict(
@@ -104,7 +104,7 @@ def _verdict(search: Search, seconds: float) -> Verdict:
         group=alike if kind == "group" else (),
         next_experiment=advice,
         base=judge.fitness(plain_base, before, plain_out),
-        extended=judge.fitness(plain_final, after, judge.left_out(study, search, plain_final)) if causes else None,
+        extended=judge.fitness(plain_final, after, judge.left_out(search, plain_final)) if causes else None,
         rivals=judge.rivals(search, accepted),
         nuisance=judge.pulls(search, final),
         tests=(*adequacy.structure(base, 1, "before"), *(adequacy.structure(final, 2, "after") if causes else ())),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,12 +40,10 @@ class Search:
     ranking: list[list[Score]] = field(default_factory=list)
     failed: str = ""
     refused: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
 
     # --- calibration ---------------------------------------------------------------------------
     def calibrate(self) -> None:
         """The base model at its best point, with traces of all nuisances; `failed` says why there is none."""
-        began = time.monotonic()
         model = Model({k: 0.0 for k in self.study.campaign.free})
         wanted = Wanted(scatter=True, modes=MODES, trends=True)
         descent = Descent(self.study, self.data, model, {}, wanted=wanted)
@@ -66,7 +63,6 @@ class Search:
         descent = Descent(self.study, self.data, model, {})
         descent.take(first)
         self.base = self._descend([descent])[0]
-        self.seconds["calibration"] = time.monotonic() - began
 
     def _from(self, model, shifts, effects: list[Candidate]) -> Descent:
         return Descent(self.study, self.data, model, dict(shifts), extra(effects))
@@ -100,11 +96,9 @@ class Search:
         self.base = self.best
         self.fits[frozenset()] = self.best
         for depth in range(MOST):
-            began = time.monotonic()
             ranked = scores(self.study, self.best, list(self.study.tried))
             self.ranking.append(ranked)
             found = self._refit(ranked, depth)
-            self.seconds[f"refits {depth + 1}"] = time.monotonic() - began
             if found is None:
                 return
             self.best = self.traced(found)

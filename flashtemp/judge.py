@@ -10,7 +10,7 @@ from flashtemp import adequacy
 from flashtemp.compare import judge, judge_pull
 from flashtemp.discover import APART, MOST, NAMED, WEAK, Search
 from flashtemp.effect import catalogue
-from flashtemp.fit import Fit, Study
+from flashtemp.fit import Fit
 from flashtemp.gram import Solution, System, residual
 from flashtemp.score import Score, separability
 from flashtemp.study import plain
@@ -43,7 +43,7 @@ class LeftOut:
     z: float
 
 
-def left_out(study: Study, search: Search, fit: Fit) -> LeftOut:
+def left_out(search: Search, fit: Fit) -> LeftOut:
     """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
     system = fit.system
     folds = _folds(system)

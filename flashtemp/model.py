@@ -55,10 +55,6 @@ class Model:
         """The same with an effect added or changed."""
         return Model(self.free, self.effects | {effect: values})
 
-    def without(self, effect: str) -> Model:
-        """The same without one of its effects."""
-        return Model(self.free, {k: v for k, v in self.effects.items() if k != effect})
-
 
 def _within(key: str, value: float) -> float:
     table, name = key.rsplit(".", 1)

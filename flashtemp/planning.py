@@ -106,13 +106,13 @@ def plan(study: Study) -> Outlook:
     sep = separability(fit, list(study.tried))
     prospects = _prospects(study, fit, sep)
     weak = [p.effect for p in prospects if p.z > NOTHING and not p.separable]
-    added = experiments(study, data, fit, looks, weak) if weak else ()
+    added = experiments(study, fit, weak) if weak else ()
     return Outlook(study.campaign.title, prospects, sep, added)
 
 
-def advise(study: Study, data: Data, fit: Fit, alike: tuple[str, ...]) -> str:
+def advise(study: Study, fit: Fit, alike: tuple[str, ...]) -> str:
     """The experiment that would separate effects which explain the same data equally well, in words."""
-    found = experiments(study, data, fit, fit.looks, list(alike))
+    found = experiments(study, fit, list(alike))
     if not found:
         return "no further condition was found that separates them; measure the pressure or the friction directly"
     best = found[0]
@@ -120,21 +120,17 @@ def advise(study: Study, data: Data, fit: Fit, alike: tuple[str, ...]) -> str:
     return f"measure one more condition {best.words}: it would tell {' and '.join(alike)} apart by {least:.0f} sigma"
 
 
-def experiments(study: Study, data: Data, fit: Fit, looks: list[Look], effects: list[str]) -> tuple[Experiment, ...]:
+def experiments(study: Study, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
     """One more condition of each kind, ranked by what it leaves of the worst of some effects."""
     now = _left(study, fit, effects)
-    tasks, kept = [], []
-    for words, key, factor, step in ADDED:
-        task = _task(study, fit.model, key, factor, step)
-        if task is not None:
-            tasks.append(task)
-            kept.append((words, task.given))
+    tasks = {words: _task(study, fit.model, *change) for words, *change in ADDED}
+    tasks = {words: task for words, task in tasks.items() if task is not None}
     out = []
-    for (words, given), look in zip(kept, study.run(tasks), strict=True):
+    for (words, task), look in zip(tasks.items(), study.run(list(tasks.values())), strict=True):
         if isinstance(look, Exception):
             continue
-        more = replace(study, conditions=((given, _views(look, tasks, given), ()),))
-        extra = Data(more, noises={v.file: Noise(WHITE, PATTERN) for v in more.conditions[0][1]})
+        more = replace(study, conditions=((task.given, task.views, ()),))
+        extra = Data(more, noises={v.file: Noise(WHITE, PATTERN) for v in task.views})
         extra.fix([look], [])
         number = len(study.conditions)
         blocks = [replace(b, condition=number, names=_renumbered(b.names, number)) for b in extra.blocks([look])]
@@ -142,7 +138,7 @@ def experiments(study: Study, data: Data, fit: Fit, looks: list[Look], effects: 
         wider = replace(fit, system=system, blocks=system.blocks, priors=fit.priors | _priors(study, system, fit))
         left = _left(study, wider, effects)
         helps = tuple(e for e in effects if left[e] >= SURE > now[e])
-        out.append(Experiment(words, {k: given[k] for k in given if given[k] is not None}, left, helps))
+        out.append(Experiment(words, task.given, left, helps))
     return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 
 
@@ -237,10 +233,6 @@ def _task(study: Study, model: Model, key: str, factor: float, step: float) -> T
         recording = replace(v.recording, temperature=blank, time=times, repetition=repetition)
         planned.append(View(f"planned {v.file}", recording, changed, v.sigma_K))
     return Task(study.campaign.case, changed, pins, model, tuple(planned), (), _everything(study), {})
-
-
-def _views(look: Look, tasks: list[Task], given) -> tuple[View, ...]:
-    return next(t.views for t in tasks if t.given is given)
 
 
 def _renumbered(names, number: int):

@@ -45,7 +45,7 @@ def scores(study: Study, fit: Fit, tried: list[Candidate]) -> list[Score]:
     products = fit.system.total()
     own = {n: v for n, v in fit.priors.items() if n not in fit.bound}
     more = {n: v for n, v in own.items() if n.split(".")[0] in fit.model.effects}
-    base, _, scale = solved(study, fit.system, fit.model, fit.shifts, more, products)
+    base, _, _ = solved(study, fit.system, fit.model, fit.shifts, more, products)
     out = []
     for c in tried:
         if c.effect not in fit.model.effects:

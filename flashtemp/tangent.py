@@ -76,12 +76,7 @@ class _Neighbour:
         remembers = scene.schedule.lap is not None
         self.scene = replace(scene, mesh=base.scene.mesh, schedule=replace(scene.schedule, lap=base.scene.schedule.lap))
         self.balance, self.step, self.since = Balance(self.scene), step, since
-        self.scale = np.concatenate(
-            [np.ones(base.n), np.full(len(base.cell_block), base.worn_unit / self.balance.worn_unit)]
-        )
-        start = base.initial()
-        own = self.balance.initial()
-        m = len(self.scale)
+        start, own, m = base.initial(), self.balance.initial(), base.worn.stop
         self.m, self.s = m, np.zeros(m)
         if step:
             self.s = (own[:m] - start[:m]) / step
@@ -99,7 +94,7 @@ class _Neighbour:
         return own
 
     def rate(self, t: float, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Rates (cells and worn depth) in the run's units."""
+        """Rates of cells and worn depth."""
         self.stage.rate(t, self.state(y, s), self.out)
         return self.out[: self.m]
 
@@ -111,7 +106,7 @@ class _Neighbour:
             leave(self.scene, self.stage, t, self.state(y, s), self.now.track)
 
     def restart(self, before, y, s) -> np.ndarray:
-        """The state (cells and worn depth, in the run's units) after the road was made new."""
+        """The state (cells and worn depth) after the road was made new."""
         self.now.y = self.state(y, s)
         restart(self.scene, self.balance, before, self.now)
         return self.now.y[: self.m]

@@ -127,7 +127,7 @@ class Verdict:
     """The whole answer.  `kind` is one of KINDS; `says` one or more sentences for people.
 
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
-    every recording against the calibrated base and the extended model; `p_gates`: what was checked for
+    every recording against the calibrated base and the extended model; `gates`: what was checked for
     adequacy, with value and limit; `assumed` priors.
     """
 

@@ -261,23 +261,24 @@ def _series(case: Case, key: str) -> Series:
 
 def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[float]):
     level = v.numerics.mesh
-    refine = keys.refinement(level)
+    refine = tuple(keys.refinement(level) * f for f in v.numerics.finer)
     first = v.numerics.first_block
     if first is None:
         first = max(2e-7, min([4e-6] + [d / 2 for d in shallow]))
-    if shallow and first / max(refine, 1e-9) > 4 * min(shallow):
+    if shallow and first / max(refine[1], 1e-9) > 4 * min(shallow):
         raise BadInput(
-            f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "
+            f"numerics.first_block: first cell of {first / refine[1]:.3g} m is too coarse for a source depth of "
             f"{min(shallow):.3g} m; give <= {2 * min(shallow):.3g} m or count that share as interfacial"
         )
     if first > v.block.height / 4:
         raise BadInput(
             f"numerics.first_block: {first:g} m is more than a quarter of block.height; give a smaller first cell"
         )
-    cells = math.prod(v.numerics.cells[:2]) + math.prod(v.numerics.cells[::2])
-    if cells * refine**2 > 5e6:
+    along, up, down = (n * f for n, f in zip(v.numerics.cells, refine, strict=True))
+    cells = along * (up + v.numerics.above * refine[1] + down)
+    if cells > 5e6:
         raise BadInput(
-            f"numerics.mesh: {level} gives about {cells * refine**2:.2g} cells; at most 5e6, give a coarser mesh"
+            f"numerics.mesh: {level} gives about {cells:.2g} cells; at most 5e6, give a coarser mesh"
         )
     if v.numerics.last_x > v.block.length / 4:
         raise BadInput(
@@ -312,4 +313,5 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
         downstream=v.road.downstream,
         refine=refine,
         behind=v.numerics.behind,
+        above=v.numerics.above,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp import case as cases
 from flashtemp.camera.align import align
-from flashtemp.camera.operator import WAKE, Instrument, Seen, observe
+from flashtemp.camera.operator import ABOVE, WAKE, Instrument, Seen, observe
 from flashtemp.campaign import Campaign, Force, View, told
 from flashtemp.errors import BadInput
 from flashtemp.march import march
@@ -193,15 +193,17 @@ def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene,
 
 
 def window(case: cases.Case, views) -> dict[str, Any]:
-    """Overrides of a case so that its road reaches as far behind the block as the recordings look."""
-    wakes = [v for v in views if v.recording.view == "wake"]
+    """Overrides of a case for what its recordings see: even cells up a side wall, road as far as a wake reaches."""
+    out, wakes = {}, [v for v in views if v.recording.view == "wake"]
+    if any(v.recording.view == "sidewall" for v in views):
+        out["numerics.above"] = max(ABOVE, case["numerics.above"])
     if not wakes:
-        return {}
+        return out
     far = max(wakes, key=lambda v: v.recording.u[-1])
     behind = max(v.recording.u[-1] + MARGIN * v.recording.pitch[0] for v in wakes) - case["block.length"]
     if behind > 10.0:
         raise BadInput(f"{far.file}: u: {far.recording.u[-1]:g} m is too far behind the block; give u in m, below 10 m")
-    return {
+    return out | {
         "road.downstream": max(float(behind), case["road.downstream"]),
         "numerics.behind": min(WAKE, case["numerics.behind"]),
     }

@@ -23,7 +23,7 @@ MOST = 2  # causes; where a third is asked for, it is rather one that the catalo
 SHORT = 3  # candidates refitted
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
-COARSE = (0.5, 0.7)  # cells per direction of the runs that tell what the mesh gets wrong
+COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 
 
 @dataclass
@@ -103,6 +103,8 @@ class Search:
                 return
             self.best = self.traced(found)
             self.fits[frozenset(found.model.effects)] = self.best
+            if len(found.model.effects) >= MOST:
+                break
         self.ranking.append(scores(self.study, self.best, list(self.study.tried)))
 
     def settle(self) -> None:

@@ -282,9 +282,9 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
         adequacy.per_condition(search.study, fit, n) for n in fit.solution.names if n.split(".")[0] in fit.model.effects
     ]
     scatter = max((-np.log10(max(adequacy.consistent(c), 1e-99)) for c in conditions), default=0.0)
-    third = search.ranking[-1][0].ln_bayes if len(search.ranking) > MOST and search.ranking[-1] else 0.0
+    third = search.ranking[-1][0].ln_bayes if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
     return {
-        "a third cause (ln Bayes factor)": (third, 2.0 * NAMED),
+        "a third cause (ln Bayes factor)": (third, NAMED),
         "amplitude differs between conditions (-log10 of its probability)": (scatter, adequacy.SCATTERED),
         "heat of any shape (ln Bayes factor)": (adequacy.generic(search.study, fit), GENERIC),
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),

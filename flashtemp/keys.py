@@ -60,6 +60,9 @@ TABLES: dict[str, dict[str, Param]] = {
         "cells": Param(
             [56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)
         ),
+        "finer": Param(
+            [1, 1, 1], "1", "factors on mesh along the block, up the block, down the road", kinds=("factors",)
+        ),
         "first_x": Param(3e-5, "m", "first cell at the leading edge", low=1e-8, high=0.1),
         "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
         "first_block": Param(None, "m", "first cell of the block at the interface", low=1e-9, high=0.1),
@@ -67,6 +70,10 @@ TABLES: dict[str, dict[str, Param]] = {
         "behind": Param(
             1.35, "1", "growth of cells behind the block from one to the next; comparisons with a wake need 1.1",
             low=1.01, high=2.0,
+        ),
+        "above": Param(
+            0, "1", "cells spread evenly up the block, beside the graded ones; comparisons with a side wall need 10",
+            low=0, high=1000, kinds=("whole",),
         ),
         "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
         "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
@@ -263,6 +270,11 @@ def wrong(param: Param, value: Any) -> str | None:
     if "cells" in kinds:
         good = isinstance(value, list) and len(value) == 3 and all(isinstance(v, int) and 3 <= v <= 5000 for v in value)
         return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
+    if "factors" in kinds:
+        good = isinstance(value, list) and len(value) == 3 and all(
+            isinstance(v, (int, float)) and not isinstance(v, bool) and 0.1 <= v <= 10 for v in value
+        )
+        return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
     if isinstance(value, str) and "text" in kinds:
         return None if value else "give a file name"
     if isinstance(value, (list, dict)) and "table" in kinds:

@@ -25,7 +25,7 @@ GROUPS = {  # standard deviations of what no laboratory knows better, by the kin
     "spread": 0.05,  # relative width of the optics
     "map": 0.003,  # gain along and up a view
     "wall": 0.01,  # what the wall is cooler than the section behind it
-    "mesh": 0.5,  # of the difference to a mesh half as fine
+    "mesh": 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
     "cell": 0.005,  # gain of the load cell
 }
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
@@ -48,12 +48,13 @@ class Study:
     run: Callable
     case: cases.Case
 
-    def tasks(self, model: Model, wanted: Wanted, shifts, coarse: float | None = None) -> list[Task]:
-        """One task per condition; `coarse` multiplies the number of cells per direction."""
+    def tasks(self, model: Model, wanted: Wanted, shifts, coarse: tuple[float, float, float] | None = None) -> list[Task]:
+        """One task per condition; `coarse` multiplies the number of cells along, up and down."""
         out = []
         for (given, views, forces), pins in zip(self.conditions, self.pins, strict=True):
             if coarse:
-                pins = pins | {"numerics.mesh": coarse * cases.keys.refinement(self.case["numerics.mesh"])}
+                finer = zip(coarse, self.case["numerics.finer"], strict=True)
+                pins = pins | {"numerics.finer": [c * f for c, f in finer]}
             out.append(Task(self.campaign.case, given, pins, model, tuple(views), tuple(forces), wanted, dict(shifts)))
         return out
 
@@ -98,7 +99,7 @@ def _pins(campaign: Campaign, given, views, tried) -> dict[str, Any]:
     for c in tried:
         if not c.optical:
             meshes.append(cases.build(cases.load_with(case, {"effects": [*case.effects, c.effect]})).mesh)
-    refine = cases.keys.refinement(case["numerics.mesh"])
+    refine = cases.keys.refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
     return pins | {
         "road.depth": float(max(m.depth[-1] for m in meshes)),
         "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,

@@ -17,10 +17,10 @@ from flashtemp.run import Run
 from flashtemp.scene import Scene
 from flashtemp.stage import Stage
 
-FIRST, MOST = 1e-4, 0.1  # first and longest step, in lengths of a stretch
+FIRST, MOST = 1e-3, 0.1  # first and longest step, in lengths of a stretch
 CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
-GROWTH = 1.6  # BDF2 is stable up to 2.4
-TINY = 1e-5  # K: a change that need not be followed
+GROWTH = 2.0  # BDF2 is stable up to 2.4
+TINY = 1e-7  # K: a change that need not be followed
 KEPT = ("place", "time", "mean", "lane")  # what a track remembers
 
 

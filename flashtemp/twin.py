@@ -17,7 +17,7 @@ import numpy as np
 from flashtemp import case as cases
 from flashtemp import cvode
 from flashtemp.camera import synthetic
-from flashtemp.camera.operator import WAKE
+from flashtemp.camera.operator import ABOVE, WAKE
 from flashtemp.effect import catalogue, find
 from flashtemp.errors import BadInput
 from flashtemp.folders import whole
@@ -164,8 +164,9 @@ def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
     """The case with its hidden effects, drawn parameters and own discretisation."""
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
-    given = given | {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE}
-    return cases.load_with(case, given | {"effects": effects})
+    seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE,
+            "numerics.above": ABOVE}  # fmt: skip
+    return cases.load_with(case, given | seen | {"effects": effects})
 
 
 def _condition(made: cases.Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:

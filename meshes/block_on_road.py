@@ -19,15 +19,16 @@ def build(
     first_road: float = 3e-6,
     upstream: float = 0.0,
     downstream: float = 0.0,
-    refine: float = 1,
+    refine: float | tuple[float, float, float] = 1,
     behind: float = 1.35,
+    above: float = 0.0,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
     `cells` = along the block, up the block, down the road; `first_*` the cell sizes at the leading
     edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
-    shown before and behind the block, with cells growing by `behind` from one to the next; `refine`
-    multiplies the cells of every direction on the same map.
+    shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
+    more are spread evenly up the block; `refine` multiplies the cells on the same map, of every direction or along, up, down.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -35,21 +36,22 @@ def build(
       road  10 x 6, first cell 3 um
     """
     along, up, down = cells
-    x = two_sided(length, first_x, last_x, along, refine)
+    across, higher, deeper = np.broadcast_to(refine, 3).tolist()
+    x = two_sided(length, first_x, last_x, along, across)
     first = 0
     if upstream > 0:
         n = _cells_for(upstream, 4 * first_x, 1.9)
-        before = -geometric(upstream, first_x, n, refine)[::-1]
+        before = -geometric(upstream, first_x, n, across)[::-1]
         first = len(before) - 1
         x = np.concatenate([before[:-1], x])
     last = len(x) - 1
     if downstream > 0:
         n = _cells_for(downstream, last_x, behind)
-        x = np.concatenate([x, length + geometric(downstream, last_x, n, refine)[1:]])
+        x = np.concatenate([x, length + geometric(downstream, last_x, n, across)[1:]])
     return Mesh(
         x=x,
-        depth=geometric(depth, first_road, down, refine),
-        height=geometric(height, first_block, up, refine),
+        depth=geometric(depth, first_road, down, deeper),
+        height=geometric(height, first_block, up, higher, above),
         first=first,
         last=last,
     )

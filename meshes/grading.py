@@ -6,25 +6,43 @@ import numpy as np
 from scipy.optimize import brentq
 
 
-def geometric(length: float, first: float, cells: int, refine: float = 1) -> np.ndarray:
+def geometric(length: float, first: float, cells: int, refine: float = 1, even: float = 0.0) -> np.ndarray:
     """Edges (n+1,) of a geometric series on [0, length] in m whose first cell is about `first`.
 
-    `refine` puts refine times as many cells on the same smooth map, so that observed orders of
-    accuracy are clean.  A first cell larger than length/cells gives uniform cells.
+    `even` cells more are spread evenly over the length, so that none is larger than length/even.  `refine` puts
+    refine times as many cells on the same smooth map, so that observed orders of accuracy are clean.  A first
+    cell larger than length/cells gives uniform cells.
 
     >>> geometric(1.0, 0.25, 4).tolist()
     [0.0, 0.25, 0.5, 0.75, 1.0]
     >>> bool(np.isclose(geometric(1.0, 0.1, 4)[1], 0.1))
     True
+    >>> e = np.diff(geometric(1.0, 0.001, 12, even=8))
+    >>> len(e), bool(e[0] < 0.001), bool(e[-1] < 1 / 8), bool(np.all(np.diff(e) > 0))
+    (20, True, True, True)
     """
-    fine = max(1, round(cells * refine))
+    fine = max(1, round((cells + even) * refine))
     s = np.linspace(0.0, 1.0, fine + 1)
     if cells == 1 or first * cells >= length * (1 - 1e-9):
         return s * length
     rate = brentq(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0)
     edges = length * np.expm1(rate * s) / np.expm1(rate)
+    if even:
+        edges = length * _shared(s, cells, rate, even)
     edges[-1] = length
     return edges
+
+
+def _shared(s: np.ndarray, cells: int, rate: float, even: float) -> np.ndarray:
+    """Places (of 1) where as many of the graded and the even cells together lie below as `s` says."""
+    z, grow = np.zeros_like(s), np.expm1(rate)
+    for _ in range(100):  # Newton from the left of a concave function: never too far
+        below = cells * np.log1p(grow * z) / rate + even * z
+        step = (s * (cells + even) - below) / (cells * grow / rate / (1.0 + grow * z) + even)
+        z = z + step
+        if np.max(np.abs(step)) < 1e-15:
+            break
+    return z
 
 
 def two_sided(length: float, first: float, last: float, cells: int, refine: float = 1) -> np.ndarray:

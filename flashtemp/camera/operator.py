@@ -21,6 +21,7 @@ from flashtemp.tables import between
 
 TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
+ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
 RIM = 1.5  # px around the edge of a body that no comparison uses
 
@@ -66,17 +67,33 @@ def _ends(values, axis: int):
     return np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
 
 
-def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """A field and its nodes at PARTS points per node, by cubic splines over the number of the node.
+def _smooth_ends(values, nodes, axis: int):
+    """A field at cell centres with its values at both edges of an axis added, on parabolas through three cells.
 
-    Graded meshes are smooth in that number: what is linear between the new nodes is far closer to the field.
+    `nodes` are the first edge, the centres and the last edge.
     """
-    n = len(nodes)
-    if n < 4:
+    parts = [values]
+    for place, near in ((0, slice(0, 3)), (1, slice(-3, None))):
+        at, centre = nodes[-place], nodes[1:-1][near]
+        weights = [np.prod((at - np.delete(centre, i)) / (c - np.delete(centre, i))) for i, c in enumerate(centre)]
+        end = np.tensordot(np.array([weights]), np.moveaxis(values, axis, 0)[near], 1)
+        parts.insert(place * len(parts), np.moveaxis(end, 0, axis))
+    return np.concatenate(parts, axis)
+
+
+def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """A field and its nodes at PARTS points per cell, by cubic splines over the number of the cell.
+
+    The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in that
+    number: what is linear between the new nodes is far closer to the field.
+    """
+    n = len(nodes) - 2
+    if n < 2:
         return values, nodes
-    at = np.arange((n - 1) * PARTS + 1) / PARTS
-    weights = CubicSpline(np.arange(n), np.eye(n))(at)
-    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), CubicSpline(np.arange(n), nodes)(at)
+    number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
+    at = np.arange(n * PARTS + 1) / PARTS
+    weights = CubicSpline(number, np.eye(n + 2))(at)
+    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), CubicSpline(number, nodes)(at)
 
 
 # --- the wall ---------------------------------------------------------------------------------------
@@ -166,7 +183,8 @@ def _body(run, scene, recording, times):
     mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
     x = np.concatenate([edges[:1], run.x, edges[1:]])
     if recording.view == "profile":
-        return *finer(_ends(between(run.T_block, run.time, times)[:, None], 2), x, 2), np.zeros(1)
+        T = _smooth_ends(between(run.T_block, run.time, times)[:, None], x, 2)
+        return *finer(T, x, 2), np.zeros(1)
     if recording.view == "wake":
         behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
         half = 0.5 * scene.width
@@ -177,10 +195,10 @@ def _body(run, scene, recording, times):
     kept = run.time[run.frames]
     cells = between(run.field[:, mesh.block].astype(float), kept, times)
     face = between(run.T_block[run.frames], kept, times)
-    section = np.concatenate([face[..., None], cells, cells[..., -1:]], axis=2)
+    section = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2)
     air = scene.ambient - KELVIN
     factor = wall_cooling(scene, _films(scene, times), z, times)
-    wall = np.swapaxes(air + (_ends(section, 1) - air) * factor[:, None], 1, 2)
+    wall = np.swapaxes(air + (_smooth_ends(section, x, 1) - air) * factor[:, None], 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)
     return wall, x, z

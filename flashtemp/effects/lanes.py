@@ -25,15 +25,19 @@ def retained(tau, diameter, diffusivity):
 
 
 @lru_cache(maxsize=128)
-def _kept(fraction: float) -> CubicSpline:
-    """K(u) = integral of max(R, phi) d(sqrt theta) over u = sqrt(theta), theta = D_S t/diameter^2."""
+def _kept(node: int) -> CubicSpline:
+    """K(u) = integral of max(R, phi) d(sqrt theta) over u = sqrt(theta), theta = D_S t/diameter^2, at nodes of phi.
+
+    Two columns: at this node and at the next.
+    """
     u = np.concatenate([[0.0], np.geomspace(1e-4, 30.0, 600)])
     nodes, weights = np.polynomial.legendre.leggauss(6)
     half, mid = 0.5 * np.diff(u), 0.5 * (u[1:] + u[:-1])
-    parts = np.zeros(len(half))
+    parts = np.zeros((len(half), 2))
     for n, w in zip(nodes, weights, strict=True):
-        parts += w * np.maximum(retained((mid + half * n) ** 2, 1.0, 1.0), fraction)
-    return CubicSpline(u, np.concatenate([[0.0], np.cumsum(parts * half)]))
+        R = retained((mid + half * n) ** 2, 1.0, 1.0)
+        parts += w * np.maximum(R[:, None], FRACTION * np.array([node, node + 1.0]))
+    return CubicSpline(u, np.concatenate([[[0.0, 0.0]], np.cumsum(parts * half[:, None], axis=0)]))
 
 
 def mean_factor(entered, left, diameter, diffusivity, fraction):
@@ -41,19 +45,15 @@ def mean_factor(entered, left, diameter, diffusivity, fraction):
     scale = np.sqrt(diffusivity) / diameter
     a = np.minimum(np.sqrt(np.maximum(left, 0.0)) * scale, 29.0)
     b = np.minimum(np.sqrt(np.maximum(entered, 1e-12)) * scale, 30.0)
-    apart = b - a > 1e-6
-
-    def of(node):
-        K = _kept(node * FRACTION)
-        return np.where(apart, (K(b) - K(a)) / np.where(apart, b - a, 1.0), K(b, 1))
-
     place = fraction / FRACTION
     below = int(np.real(place) + 1e-9)  # linear between nodes: a fraction that moves does not jump
-    return (
-        of(below)
-        if abs(place - below) < 1e-9 and np.isreal(place)
-        else ((below + 1 - place) * of(below) + (place - below) * of(below + 1))
-    )
+    K = _kept(below)
+    late, early = K(np.array([b, a]))
+    apart = (b - a > 1e-6)[..., None]
+    mean = np.where(apart, (late - early) / np.where(apart, (b - a)[..., None], 1.0), late)
+    if not apart.all():
+        mean = np.where(apart, mean, K(b, 1))
+    return (below + 1 - place) * mean[..., 0] + (place - below) * mean[..., 1]
 
 
 class Lanes(Effect):

@@ -169,7 +169,7 @@ def _common(entry, kind: str, number: int, where, case, folder, faults, imagined
         faults.append(f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
     elif case is not None:
         try:
-            cases.load(case, given)
+            cases.load(case, given, by="with")
         except BadInput as fault:
             faults.extend(f"{place}: {line}" for line in fault.lines)
     name = "sigma_K" if kind == "recording" else "sigma"

@@ -83,10 +83,10 @@ class Case:
         return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{build(self)}"
 
 
-def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
+def load(path, overrides: dict[str, Any] | list[str] | None = None, by: str = "command line") -> Case:
     """Read a case folder or .toml file, with overrides {"table.key": value} or ["table.key=value"].
 
-    Raises BadInput with all faults at once, one line each.
+    Raises BadInput with all faults at once, one line each; `by` says there where overrides come from.
     """
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
@@ -96,7 +96,7 @@ def load(path, overrides: dict[str, Any] | list[str] | None = None) -> Case:
     given = keys.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem
-    return assemble(raw, given, keys.Places(str(file), text, set(given)), file.parent, name)
+    return assemble(raw, given, keys.Places(str(file), text, set(given), by), file.parent, name)
 
 
 def load_with(case: Case, overrides: dict[str, Any]) -> Case:
@@ -107,7 +107,7 @@ def load_with(case: Case, overrides: dict[str, Any]) -> Case:
 def assemble(raw: dict, given: dict[str, Any], where: keys.Places, folder: Path, name: str) -> Case:
     """Check raw tables and overrides against the declared keys and fill in the defaults."""
     faults: list[str] = []
-    raw = keys.merge(raw, given)
+    raw = keys.merge(raw, given, where.by)
     effects = keys.names(raw, "effects", [n for n, e in catalogue().items() if not e.base], where, faults) or ()
     candidates = keys.names(raw, "candidates", catalogue(), where, faults)
     tables = keys.tables(raw, effects, where, faults)

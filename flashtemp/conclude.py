@@ -26,6 +26,7 @@ from flashtemp.verdict import Verdict
 from flashtemp.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
+SHARES = {"traces": 0.3, "fitting": 0.5, "judging": 0.95}  # of the work that is done when a stage begins, as a rule
 
 
 def discover(
@@ -35,7 +36,7 @@ def discover(
     scheduler: str | None = None,
 ) -> tuple[Verdict, Search]:
     """Everything: calibrate, search, judge.  Raises BadInput, SolverFailure."""
-    began = time.monotonic()
+    began, watch = time.monotonic(), _timed(watch)
     with crew(look, workers, scheduler) as run:
         study = prepare(campaign, run)
         search = Search(study, Data(study), watch)
@@ -49,6 +50,22 @@ def discover(
         watch("judging")
         verdict = _verdict(search, time.monotonic() - began)
     return verdict, search
+
+
+def _timed(watch: Callable[[str], Any]) -> Callable[[str], Any]:
+    """The same with the time gone, and from the second stage on an estimate of the time left."""
+    began, done = time.monotonic(), 0.0
+
+    def say(text: str) -> None:
+        nonlocal done
+        share = SHARES.get(text.split()[0], 0.0)
+        if share:  # a stage that comes again takes half of what was left
+            done = share if share > done else 0.5 * (1.0 + done)
+        gone = time.monotonic() - began
+        left = f", about {gone * (1.0 / done - 1.0):.0f} s left" if done else ""
+        watch(f"{text} ({gone:.0f} s{left})")
+
+    return say
 
 
 def _no_verdict(search: Search, seconds: float) -> Verdict:

@@ -125,9 +125,12 @@ class Search:
         if depth == 0 and len(ranked) > 1:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
-        extended = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
+        further = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects)]
+        extended = [f for f in further if usable(f)]
         if depth:
             extended = [f for f in extended if self._agrees(f)]
+        elif not extended:  # one of two strong causes alone may have no best point: its partner decides
+            extended = [f for f in further if len(f.model.effects) == 1 and f.hopeless]
         if not extended:
             return None
         best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))

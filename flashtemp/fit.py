@@ -19,7 +19,7 @@ SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known o
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 HALVINGS, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back, the loss that asks for one, and what stands still
-MISFIT, LOOSE, FEW = 20.0, 0.2, 8  # standard errors of chi2, and the step and tries that then are enough
+MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
 
 
@@ -46,6 +46,11 @@ class Fit:
     def converged(self) -> bool:
         """Whether the certificate holds."""
         return self.history[-1] < ENOUGH
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the model misfits so grossly that its best point says little."""
+        return (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(self.solution.count / 2.0) > MISFIT
 
     @property
     def ln_evidence(self) -> float:
@@ -121,9 +126,7 @@ class Descent:
     def done(self) -> bool:
         if self.fit is None or self.failed:
             return bool(self.failed)
-        solution = self.fit.solution
-        hopeless = (solution.chi2 / solution.count - 1.0) * np.sqrt(solution.count / 2.0) > MISFIT
-        rough = self.rough and hopeless
+        rough = self.rough and self.fit.hopeless
         return self.fit.history[-1] < (LOOSE if rough else ENOUGH) or len(self.history) >= (FEW if rough else TRIES)
 
     def take(self, looks: list[Look]) -> None:

@@ -97,15 +97,16 @@ MATERIAL = {
 
 @dataclass(frozen=True)
 class Places:
-    """Where a key stands: file and line, or the override that set it."""
+    """Where a key stands: file and line, or what overrode it."""
 
     file: str
     text: str = ""
     overridden: set[str] = field(default_factory=set)
+    by: str = "command line"
 
     def __call__(self, dotted: str) -> str:
         if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
-            return f"{dotted} (command line)"
+            return f"{dotted} ({self.by})"
         line = self.line(dotted)
         return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
 
@@ -187,8 +188,8 @@ def parse_overrides(overrides) -> dict[str, Any]:
     return out
 
 
-def merge(raw: dict, given: dict[str, Any]) -> dict:
-    """Overrides laid over the tables of a file; neither is changed."""
+def merge(raw: dict, given: dict[str, Any], by: str) -> dict:
+    """Overrides, given `by` somebody, laid over the tables of a file; neither is changed."""
     out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
     if isinstance(out.get("materials"), dict):
         out["materials"] = {k: dict(v) if isinstance(v, dict) else v for k, v in out["materials"].items()}
@@ -198,7 +199,7 @@ def merge(raw: dict, given: dict[str, Any]) -> dict:
         for step in path:
             at = at.setdefault(step, {})
             if not isinstance(at, dict):
-                raise BadInput(f"{dotted} (command line): '{step}' is not a table")
+                raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
         at[last] = value
     return out
 

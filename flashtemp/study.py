@@ -48,8 +48,8 @@ class Study:
     run: Callable
     case: cases.Case
 
-    def tasks(self, model: Model, wanted: Wanted, shifts, coarse: tuple[float, float, float] | None = None) -> list[Task]:
-        """One task per condition; `coarse` multiplies the number of cells along, up and down."""
+    def tasks(self, model: Model, wanted: Wanted, shifts, coarse: tuple[float, ...] | None = None) -> list[Task]:
+        """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
         out = []
         for (given, views, forces), pins in zip(self.conditions, self.pins, strict=True):
             if coarse:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.errors import BadInput, FlashtempError, SolverFailure
 
 
 def attempt(function: Callable, task: Any) -> Any:
@@ -23,7 +23,7 @@ def crew(function: Callable, workers: int | None = None, scheduler: str | None =
     """A function that maps `function` over a list of tasks, in order.
 
     `workers` processes, as many as the machine has cores when not given; failures of a computation come back
-    as answers.  Raises BadInput when the scheduler cannot be reached.
+    as answers.  Raises BadInput when the scheduler cannot be reached, SolverFailure when a process is killed.
     """
     if scheduler is not None:
         with _cluster(function, scheduler) as run:
@@ -36,11 +36,19 @@ def crew(function: Callable, workers: int | None = None, scheduler: str | None =
         yield lambda tasks: [attempt(function, t) for t in tasks]
         return
     from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
     from functools import partial
     from multiprocessing import get_context
 
     with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet) as pool:
-        yield lambda tasks: list(pool.map(partial(attempt, function), tasks))
+
+        def run(tasks):
+            try:
+                return list(pool.map(partial(attempt, function), tasks))
+            except BrokenProcessPool as fault:
+                raise SolverFailure("a worker process was killed, perhaps for memory; give fewer --workers") from fault
+
+        yield run
 
 
 def _quiet() -> None:

@@ -28,7 +28,8 @@ def build(
     `cells` = along the block, up the block, down the road; `first_*` the cell sizes at the leading
     edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
     shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
-    more are spread evenly up the block; `refine` multiplies the cells on the same map, of every direction or along, up, down.
+    more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
+    direction or along, up and down.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines

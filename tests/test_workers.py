@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 import sys
+import threading
 import tomllib
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -107,6 +110,11 @@ def test_as_many_as_there_are_cores(monkeypatch):
         assert run([1, 2]) == [2, 3]
 
 
+def test_a_process_that_is_killed_is_said():
+    with crew(signal.raise_signal, 2) as run, pytest.raises(SolverFailure, match="fewer --workers"):
+        run([signal.SIGKILL])
+
+
 # --- a cluster ---------------------------------------------------------------------------------------
 def stand_in(monkeypatch, client):
     """dask.distributed with this Client."""
@@ -172,6 +180,29 @@ def test_a_cluster_answers_like_one_worker(monkeypatch):
     assert (first, last) == (find("friction"), find("wear"))
     assert isinstance(fault, BadInput)
     assert log == ["tcp://there:8786", "closed"]
+
+
+def test_a_worker_of_a_real_cluster_is_killed(tasks):
+    """Two workers, one killed half way: every answer comes, once, in its place."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    asked = [tasks[0], tasks[2]] * 8
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        victim = next(iter(cluster.workers.values())).pid
+        killed = threading.Event()
+
+        def kill():
+            os.kill(victim, signal.SIGKILL)
+            killed.set()
+
+        with crew(look, None, cluster.scheduler_address) as run, crew(look, 1) as alone:
+            run(asked[:2])  # the workers have begun
+            threading.Timer(0.3, kill).start()
+            answers = run(asked)
+            assert killed.is_set()
+            expected = alone(asked[:2])
+    assert len(answers) == len(asked)
+    for k, answer in enumerate(answers):
+        same(expected[k % 2], answer)
 
 
 def test_what_the_message_says_to_install_exists():

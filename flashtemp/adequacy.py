@@ -7,7 +7,7 @@ import numpy as np
 from flashtemp.campaign import told
 from flashtemp.fit import Fit, Study, solved
 from flashtemp.gram import residual
-from flashtemp.residual import lag_one
+from flashtemp.residual import lag_one, over_frames
 from flashtemp.study import GROUPS, MODE
 from flashtemp.verdict import Test
 
@@ -123,16 +123,11 @@ def near_contact(view, residual: np.ndarray) -> float:
     v = view.recording.v
     seen = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
     rows = seen[np.argsort(np.abs(v[seen]))[:2]]
-    mean = _mean(residual[:, rows])
+    mean = over_frames(residual[:, rows])
     return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
 
 
 def mean_map(residual: np.ndarray) -> float:
     """Root mean square (K) of the mean over frames."""
-    mean = _mean(residual)
+    mean = over_frames(residual)
     return float(np.sqrt(np.nanmean(mean**2)))
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    n = np.isfinite(values).sum(axis=0)
-    return np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)

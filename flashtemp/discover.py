@@ -10,7 +10,8 @@ import numpy as np
 
 from flashtemp import adequacy
 from flashtemp.errors import BadInput
-from flashtemp.fit import LOOSE, Descent, Fit, descend, extra
+from flashtemp.fit import LOOSE, Descent, Fit, descend, extra, solved
+from flashtemp.gram import System
 from flashtemp.look import Wanted
 from flashtemp.model import Candidate, Model
 from flashtemp.score import Score, pairs, scores
@@ -125,17 +126,42 @@ class Search:
         if depth == 0 and len(ranked) > 1:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
-        further = [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects)]
-        extended = [f for f in further if usable(f)]
+        if depth == 0 and good and self.best.hopeless and not self._extended():
+            self._fit_at(self._companions(good[0], ranked)[:SHORT])
+        extended = self._extended()
         if depth:
             extended = [f for f in extended if self._agrees(f)]
-        elif not extended:  # one of two strong causes alone may have no best point: its partner decides
-            extended = [f for f in further if len(f.model.effects) == 1 and f.hopeless]
         if not extended:
             return None
         best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))
         gained = best.ln_evidence - self.best.ln_evidence
         return best if gained > NAMED * (len(best.model.effects) - len(self.best.model.effects)) else None
+
+    def _extended(self) -> list[Fit]:
+        """Fits that hold more effects than the present best and are near their best point."""
+        return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
+
+    def _companions(self, first: Score, ranked: list[Score]) -> list[tuple[Model, list[Candidate]]]:
+        """Partners of a strong effect that has no best point alone, with it at typical strength; best first.
+
+        One simulation of each pair: where two effects shape each other, no trace of one alone shows the other.
+        """
+        self.watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
+        model = Model(dict.fromkeys(self.best.model.free, 0.0), {first.effect: _typical(first)})
+        own = [first.candidate]
+        tried = [(model, own)]
+        tried += [(model.with_effect(s.effect, _typical(s)), [*own, s.candidate]) for s in ranked if s is not first]
+        asked = [self.study.tasks(m, Wanted(), self.best.shifts) for m, _ in tried]
+        looks = iter(self.study.run([t for tasks in asked for t in tasks]))
+        found = []
+        for (m, held), tasks in zip(tried, asked, strict=True):
+            answers = [next(looks) for _ in tasks]
+            if not any(isinstance(a, Exception) for a in answers):
+                system = System(self.data.blocks(answers))
+                found.append((solved(self.study, system, m, self.best.shifts, {})[0].ln_evidence, m, held))
+        alone = next((e for e, m, _ in found if len(m.effects) == 1), np.inf)
+        better = sorted((f for f in found if f[0] > alone + NAMED), key=lambda f: -f[0])
+        return [(m, held) for _, m, held in better]
 
     def _agrees(self, fit: Fit) -> bool:
         """Whether what a further cause adds is the same in all conditions: if not, it mops up something else."""
@@ -145,16 +171,20 @@ class Search:
         return all(adequacy.consistent(f) > 10.0**-adequacy.SCATTERED for f in found)
 
     def _fit(self, groups: list[tuple[Score, ...]]) -> None:
-        """Full fits of groups of candidates added to the present best."""
-        descents = []
+        """Full fits of groups of candidates added to the present best, from where their traces point."""
+        starts = []
         for group in groups:
             model, own = self.best.model, self._candidates(self.best.model)
             for s in group:
                 model = model.with_effect(s.effect, _inside(s))
             if len(group) == 1:
                 model = Model(_moved(self.study, model.free, group[0].free), model.effects)
-            if frozenset(model.effects) not in self.fits:
-                descents.append(self._from(model, self.best.shifts, [*own, *(s.candidate for s in group)]))
+            starts.append((model, [*own, *(s.candidate for s in group)]))
+        self._fit_at(starts)
+
+    def _fit_at(self, starts: list[tuple[Model, list[Candidate]]]) -> None:
+        """Full fits from models, of all their effects."""
+        descents = [self._from(m, self.best.shifts, own) for m, own in starts if frozenset(m.effects) not in self.fits]
         if descents:
             self.watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
         for d, fit in zip(descents, self._descend(descents), strict=True):
@@ -185,6 +215,18 @@ def alive(fit: Fit) -> bool:
         if all(values[k] == p.off for k, p in params.items() if k in values and p.off is not None):
             return False
     return True
+
+
+def _typical(s: Score) -> dict[str, float]:
+    """Values of an effect at half to one and a half times its typical strength, with the sign of its trace."""
+    params, values = s.candidate.kind.params(), dict(s.values)
+    for (k, a), change in zip(s.candidate.strengths.items(), s.amplitude, strict=True):
+        p, share = params[k], change / a
+        share = float(np.clip(share, 0.5, 1.5) if share >= 0 else np.clip(share, -1.5, -0.5))
+        values[k] = float(np.clip(p.off + share * a, p.low, p.high))
+        if values[k] == p.off:
+            values[k] = float(np.clip(p.off + 0.5 * a, p.low, p.high))
+    return values
 
 
 def _inside(s: Score) -> dict[str, float]:

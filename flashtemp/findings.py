@@ -6,7 +6,7 @@ import math
 from html import escape
 from pathlib import Path
 
-from flashtemp import report
+from flashtemp import page
 from flashtemp.verdict import Cause, Rival, Verdict
 
 ALARM = 8.0  # ln Bayes factor below which nothing is claimed
@@ -45,11 +45,11 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def write(verdict: Verdict, path) -> Path:
     """Write one self-contained HTML file about a verdict, pictures inside; returns its path."""
     path = Path(path)
-    path.write_text(page(verdict), encoding="utf-8")
+    path.write_text(text(verdict), encoding="utf-8")
     return path
 
 
-def page(verdict: Verdict) -> str:
+def text(verdict: Verdict) -> str:
     """The whole text of the HTML file."""
     title = f"What the model is missing: {verdict.title}"
     whole = verdict.kind != "no_verdict"
@@ -58,25 +58,8 @@ def page(verdict: Verdict) -> str:
         body += [*_pictures(verdict), *_known(verdict), *_unseen(verdict)]
     body += [*_advice(verdict), *_certificate(verdict)]
     if whole:
-        terms = (f"<dt>{escape(term)}</dt>\n<dd>{escape(text)}</dd>" for term, text in READING)
-        body += ["<h2>How to read this</h2>", "<dl>", *terms, "</dl>"]
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8" />',
-            '<meta name="viewport" content="width=device-width, initial-scale=1" />',
-            f"<title>{escape(title)}</title>",
-            f"<style>{report.STYLE}{MORE}</style>",
-            "</head>",
-            "<body>",
-            *body,
-            "</body>",
-            "</html>",
-            "",
-        ]
-    )
+        body += ["<h2>How to read this</h2>", page.terms(READING)]
+    return page.whole(title, body, MORE)
 
 
 # --- the answer -------------------------------------------------------------------------------------
@@ -88,7 +71,9 @@ def _answer(v: Verdict) -> list[str]:
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
     out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
     if v.kind == "no_verdict":
-        out.append(_p("Before it is mended nothing else would mean anything: no cause and no picture is shown."))
+        out.append(
+            page.paragraph("Before it is mended nothing else would mean anything: no cause and no picture is shown.")
+        )
         return out
     out.append('<div class="key">')
     for cause in v.causes:
@@ -97,7 +82,7 @@ def _answer(v: Verdict) -> list[str]:
         out.append(f"<p>Cannot be told apart: <b>{escape(', '.join(_name(g) for g in v.group))}</b>.</p>")
         some = [r for r in v.rivals if r.effect in v.group]
         rows = [[_name(r.effect), _need(r), _number(r.score), f"{r.distinctness:.2f}"] for r in some]
-        out += [report._table(["effect", "would need", "ln Bayes factor", "distinctness"], rows)] if rows else []
+        out += [page.table(["effect", "would need", "ln Bayes factor", "distinctness"], rows)] if rows else []
     out += [f"<p>{escape(line)}</p>" for line in _gain(v)]
     return [*out, "</div>"]
 
@@ -117,7 +102,7 @@ def _cause(c: Cause) -> list[str]:
         for p in c.parameters
     ]
     head = ["parameter", "value ± standard error", "95 % interval", "at its bound"]
-    return [line, *([report._table(head, rows)] if rows else [])]
+    return [line, *([page.table(head, rows)] if rows else [])]
 
 
 def _gain(v: Verdict) -> list[str]:
@@ -149,7 +134,9 @@ def _pictures(v: Verdict) -> list[str]:
         out.append(f"<h2>{number}. {escape(head)}</h2>")
         drawn = name in figures
         out.append(
-            report._figure(figures[name], head, discovery.CAPTIONS[name]) if drawn else _p(discovery.ABSENT[name])
+            page.figure(figures[name], head, discovery.CAPTIONS[name])
+            if drawn
+            else page.paragraph(discovery.ABSENT[name])
         )
         out += tables[name](v) if name in tables else []
     return out
@@ -159,15 +146,15 @@ def _chosen(v: Verdict) -> list[str]:
     """Which conditions are drawn."""
     from flashtemp.viz import pairs
 
-    return [_p(words, "small") for words in [pairs.choice(v)] if words]
+    return [page.paragraph(words, "small") for words in [pairs.choice(v)] if words]
 
 
 def _tests(v: Verdict) -> list[str]:
     """Tests for structure, before and after the extension."""
     if not v.tests:
-        return [_p("No tests for structure were run.", "small")]
+        return [page.paragraph("No tests for structure were run.", "small")]
     rows = [[t.name, t.where, t.stage, _number(t.statistic), _chance(t.p)] for t in v.tests]
-    return [report._table(["test for structure", "recording", "extension", "statistic", "p, simulated"], rows)]
+    return [page.table(["test for structure", "recording", "extension", "statistic", "p, simulated"], rows)]
 
 
 def _rivals(v: Verdict) -> list[str]:
@@ -182,7 +169,7 @@ def _rivals(v: Verdict) -> list[str]:
         ]
         for r in some
     ]  # fmt: skip
-    return [report._table(head, rows) if rows else _p("No other candidate was tried.", "small")]
+    return [page.table(head, rows) if rows else page.paragraph("No other candidate was tried.", "small")]
 
 
 def _before_after(v: Verdict) -> list[str]:
@@ -198,13 +185,13 @@ def _before_after(v: Verdict) -> list[str]:
             for key, words in told
         ]
         rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
-        out.append(report._table(["", "base", "extended"][: 1 + len(models)], rows))
+        out.append(page.table(["", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
-        out.append(_p(f"{_name(c.effect)}: {_number(c.held_out_gain)} nats gained per reading left out; chi2 lower by"
-                      f" {_number(c.delta_chi2)}.", "small"))  # fmt: skip
+        gain = f"{_name(c.effect)}: {_number(c.held_out_gain)} nats gained per reading left out"
+        out.append(page.paragraph(f"{gain}; chi2 lower by {_number(c.delta_chi2)}.", "small"))
     if v.shifts:
         rows = [[n, _number(b), _number(a), _number(s)] for n, b, a, s in v.shifts]
-        out.append(report._table(["calibrated parameter", "base", "extended", "standard error"], rows))
+        out.append(page.table(["calibrated parameter", "base", "extended", "standard error"], rows))
     return out
 
 
@@ -213,12 +200,12 @@ def _known(v: Verdict) -> list[str]:
     """What was taken as known beforehand, and what calibration made of it."""
     out = ["<h2>What was assumed known</h2>"]
     if v.assumed:
-        out.append(report._table(["quantity", "prior"], [[n, _number(s)] for n, s in v.assumed.items()]))
+        out.append(page.table(["quantity", "prior"], [[n, _number(s)] for n, s in v.assumed.items()]))
     else:
-        out.append(_p("No prior knowledge was stated with this verdict."))
+        out.append(page.paragraph("No prior knowledge was stated with this verdict."))
     if v.nuisance:
         rows = [[p.name, _pm(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in v.nuisance]
-        out.append(report._table(["calibrated", "value ± standard error", "pull in sigma of what was known"], rows))
+        out.append(page.table(["calibrated", "value ± standard error", "pull in sigma of what was known"], rows))
     return out
 
 
@@ -227,21 +214,23 @@ def _unseen(v: Verdict) -> list[str]:
     some = [r for r in v.rivals if math.isfinite(r.detectable)]
     head = "<h2>Smallest amplitudes that would have been seen</h2>"
     if not some:
-        return [head, _p("They were not computed.")]
+        return [head, page.paragraph("They were not computed.")]
     rows = [
         [_name(r.effect), r.parameter or "amplitude", _detectable(r), f"{_number(100 * r.raw_share)} %"] for r in some
     ]
     return [
         head,
-        _p("Smaller ones may be there: these data would not show them by 5 sigma."),
-        report._table(["effect", "parameter", "detectable at 5 sigma", "share of its signal that is left"], rows),
+        page.paragraph("Smaller ones may be there: these data would not show them by 5 sigma."),
+        page.table(["effect", "parameter", "detectable at 5 sigma", "share of its signal that is left"], rows),
     ]
 
 
 def _advice(v: Verdict) -> list[str]:
     """What to measure next, where anything was proposed, and what to beware of."""
-    after = ["<h2>What to measure next</h2>", _p(v.next_experiment)] if v.next_experiment else []
-    items = ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"] if v.warnings else [_p("None.")]
+    after = ["<h2>What to measure next</h2>", page.paragraph(v.next_experiment)] if v.next_experiment else []
+    items = (
+        ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"] if v.warnings else [page.paragraph("None.")]
+    )
     return [*after, "<h2>Warnings</h2>", *items]
 
 
@@ -250,22 +239,18 @@ def _certificate(v: Verdict) -> list[str]:
     out = ["<h2>Certificate of convergence</h2>"]
     if v.certificate:
         rows = [[_name(k), _plain(value)] for k, value in _flat(v.certificate)]
-        out.append(report._table(["calibration", ""], rows))
+        out.append(page.table(["calibration", ""], rows))
     else:
-        out.append(_p("None was issued."))
+        out.append(page.paragraph("None was issued."))
     if v.gates:
         rows = [[_name(k), _number(x), _number(most), "no" if x > most else "yes"] for k, (x, most) in v.gates.items()]
-        out.append(report._table(["checked for adequacy", "value", "limit", "within"], rows))
+        out.append(page.table(["checked for adequacy", "value", "limit", "within"], rows))
     if v.seconds:
-        out.append(_p(f"Computed in {_number(v.seconds)} s.", "small"))
+        out.append(page.paragraph(f"Computed in {_number(v.seconds)} s.", "small"))
     return out
 
 
 # --- words and numbers ------------------------------------------------------------------------------
-def _p(text: str, kind: str = "") -> str:
-    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
-
-
 def _name(key: str) -> str:
     return key.replace("_", " ")
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
+from flashtemp import page
 from flashtemp.compare import SURE, Comparison, Pulling, Seeing, conditions, words
 from flashtemp.residual import Place
 from flashtemp.run import Run
@@ -16,31 +15,6 @@ from flashtemp.run import Run
 CLOSE = 1.5  # chi2/dof up to which a difference is about as large as the noise
 UP = {"sidewall": "z", "wake": "y", "profile": ""}
 BODY = {"sidewall": "the block", "wake": "the road", "profile": "the block"}
-STYLE = """
-body { font: 16px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1a1a1a; background: #fff;
-  max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.6rem; line-height: 1.25; margin-bottom: .2rem; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; padding-bottom: .2rem; border-bottom: 1px solid #bbb; }
-h3 { font-size: 1rem; margin: 1.8rem 0 .3rem; }
-p, dd { max-width: 46rem; }
-.small { font-size: .85rem; color: #444; }
-.verdict { border-left: .3rem solid #999; padding: .1rem 0 .1rem .8rem; margin: .8rem 0; }
-.good { border-color: #1fa37a; } .near { border-color: #e69f00; } .bad { border-color: #c8420b; }
-.verdict p { margin: .15rem 0; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .8rem; line-height: 1.35; font-variant-numeric: tabular-nums; }
-th, td { text-align: right; vertical-align: top; padding: .3rem .55rem; border-bottom: 1px solid #ddd; }
-th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
-th:first-child, td:first-child, .text { text-align: left; }
-figure { margin: 1rem 0; } img { width: 100%; height: auto; }
-figcaption { font-size: .85rem; color: #444; }
-dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
-@media print {
-  body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
-  table { font-size: 7pt; } th, td { padding: 1pt 3pt; } .wide { overflow: visible; }
-  figure, .verdict, tr { break-inside: avoid; } h2, h3 { break-after: avoid; }
-}
-"""
 READING = (
     ("Computed", "What the camera would have reported if the model were right: the simulated temperatures seen through"
      " the camera's own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one"
@@ -65,11 +39,11 @@ READING = (
 def write(comparison: Comparison, path) -> Path:
     """Write one self-contained HTML file about a comparison, pictures inside; returns its path."""
     path = Path(path)
-    path.write_text(page(comparison), encoding="utf-8")
+    path.write_text(text(comparison), encoding="utf-8")
     return path
 
 
-def page(comparison: Comparison) -> str:
+def text(comparison: Comparison) -> str:
     """The whole text of the HTML file."""
     title = f"Measured against computed: {comparison.campaign.title}"
     body = [
@@ -83,27 +57,9 @@ def page(comparison: Comparison) -> str:
         "<h2>Pictures</h2>",
         *_pictures(comparison),
         "<h2>How to read this</h2>",
-        "<dl>",
-        *(f"<dt>{escape(term)}</dt>\n<dd>{escape(text)}</dd>" for term, text in READING),
-        "</dl>",
+        page.terms(READING),
     ]
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8" />',
-            '<meta name="viewport" content="width=device-width, initial-scale=1" />',
-            f"<title>{escape(title)}</title>",
-            f"<style>{STYLE}</style>",
-            "</head>",
-            "<body>",
-            *body,
-            "</body>",
-            "</html>",
-            "",
-        ]
-    )
+    return page.whole(title, body)
 
 
 def _counted(comparison: Comparison) -> str:
@@ -192,7 +148,7 @@ def _tables(comparison: Comparison) -> list[str]:
         head = ["recording", "condition", "frames", "RMSE (K)", "bias (K)", "chi2/dof (–)", "white noise (K)",
                 "fixed pattern (K)", "image shift u, v (px)", "correlation of neighbours in sigma",
                 "largest structured difference"]  # fmt: skip
-        out.append(_table(head, [_row(s) for s in comparison.seeings]))
+        out.append(page.table(head, [_row(s) for s in comparison.seeings]))
     if comparison.pullings:
         head = ["load cell", "condition", "readings", "RMSE (–)", "bias (–)", "chi2/dof (–)", "noise (–)",
                 "correlation in time in sigma"]  # fmt: skip
@@ -202,7 +158,7 @@ def _tables(comparison: Comparison) -> list[str]:
              f"{p.sigma:.3g}{'' if p.force.sigma else ' estimated'}", f"{p.correlation['time'][1]:+.1f}"]
             for p in comparison.pullings
         ]  # fmt: skip
-        out.append(_table(head, rows))
+        out.append(page.table(head, rows))
     return out
 
 
@@ -220,19 +176,6 @@ def _row(s: Seeing) -> list[str]:
         _file(s.view), _given(s.view), str(s.view.recording.frames), f"{s.rmse_K:.3f}", f"{s.bias_K:+.3f}",
         f"{s.chi2_per_dof:.3g}", *level, shift, ", ".join(known), largest,
     ]  # fmt: skip
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    """An HTML table of text; what is longer than a number is set flush left."""
-
-    def cell(tag: str, text: str) -> str:
-        kind = ' class="text"' if tag == "td" and len(text) > 24 else ""
-        return f"<{tag}{kind}>{escape(text)}</{tag}>"
-
-    lines = ["".join(cell("td", text) for text in row) for row in rows]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    top = "".join(cell("th", text) for text in head)
-    return f'<div class="wide">\n<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
 
 
 def _file(entry) -> str:
@@ -255,7 +198,9 @@ def _pictures(comparison: Comparison) -> list[str]:
     from flashtemp.viz import comparison as draw
 
     runs = _runs(comparison)
-    out = [_figure(draw.summary(comparison), "Overview", "Size of the differences and how they compare with noise.")]
+    out = [
+        page.figure(draw.summary(comparison), "Overview", "Size of the differences and how they compare with noise.")
+    ]
     for s in comparison.seeings:
         run = runs.get(id(s.view))
         seen = "Measured, computed and their difference in K" + (
@@ -263,12 +208,14 @@ def _pictures(comparison: Comparison) -> list[str]:
         )
         out += [
             f"<h3>{escape(_file(s.view))}</h3>",
-            _figure(draw.images(s, run), f"Frames of {s.view.file}", f"{seen}."),
-            _figure(draw.along(s, run), f"Mean differences of {s.view.file}", "Where and when the differences lie."),
+            page.figure(draw.images(s, run), f"Frames of {s.view.file}", f"{seen}."),
+            page.figure(
+                draw.along(s, run), f"Mean differences of {s.view.file}", "Where and when the differences lie."
+            ),
         ]
     for p in comparison.pullings:
         words = "Friction coefficient measured and computed, and the difference."
-        out += [f"<h3>{escape(_file(p.force))}</h3>", _figure(draw.force(p), f"Friction of {p.force.file}", words)]
+        out += [f"<h3>{escape(_file(p.force))}</h3>", page.figure(draw.force(p), f"Friction of {p.force.file}", words)]
     return out
 
 
@@ -276,14 +223,3 @@ def _runs(comparison: Comparison) -> dict[int, Run]:
     """The run of every view by its identity, as far as runs are kept."""
     groups = conditions(comparison.campaign)
     return {id(v): run for (_, views, _), run in zip(groups, comparison.runs, strict=False) for v in views}
-
-
-def _figure(fig, alt: str, caption: str) -> str:
-    """A picture inside the file, with its caption."""
-    from flashtemp.viz.theme import DPI
-
-    held = io.BytesIO()
-    fig.savefig(held, format="png", dpi=DPI)
-    data = base64.b64encode(held.getvalue()).decode("ascii")
-    source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
-    return f"<figure>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

@@ -34,7 +34,7 @@ def noise(residual: np.ndarray, white: float | None, pattern: float | None) -> N
         white = _spread(step) / np.sqrt(2.0)
     if pattern is None:
         estimated.append("pattern")
-        mean = _mean(residual)
+        mean = over_frames(residual)
         steps = [np.diff(mean, n=2, axis=a).ravel() / np.sqrt(6.0) for a in (0, 1) if mean.shape[a] > 2]
         total = _spread(np.concatenate(steps)) if steps else 0.0
         pattern = float(np.sqrt(max(total**2 - white**2 / max(n, 1), 0.0)))
@@ -47,7 +47,7 @@ def _spread(values: np.ndarray) -> float:
     return MAD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def _mean(residual: np.ndarray) -> np.ndarray:
+def over_frames(residual: np.ndarray) -> np.ndarray:
     """Mean over frames (nv, nu), NaN where no frame has a value."""
     n = np.isfinite(residual).sum(axis=0)
     return np.where(n > 0, np.nansum(residual, axis=0) / np.maximum(n, 1), np.nan)
@@ -58,7 +58,7 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
 
     Per pixel with n frames: (y - c mean(y))/sigma, c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
     """
-    n, mean = np.isfinite(residual).sum(axis=0), _mean(residual)
+    n, mean = np.isfinite(residual).sum(axis=0), over_frames(residual)
     c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
     return (residual - c * mean) / noise.white
 

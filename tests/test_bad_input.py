@@ -76,6 +76,8 @@ FAULTS = [
     *number("friction.mu", "-1", "nan", "inf"),
     *number("numerics.mesh", '"fin"', "0", "-1", "1000", "nan", "[1]"),
     *number("numerics.cells", "[1, 2]", "[1, 2, 3]", "[10, 10, 10.5]", "10", '"many"'),
+    *number("numerics.finer", "[1, 2]", "[0, 1, 1]", "[1, 1, 100]", "2", "[1, 1, true]"),
+    *number("numerics.above", "-1", "2.5"),
     *number("numerics.rtol", "0", "1", "-0.0001", '"tight"'),
     *number("numerics.integrator", '"cvodes"', "3"),
     *number("numerics.order", "6"),

@@ -327,12 +327,12 @@ def test_kinds_read_as_they_are(pages):
     assert "How to read" not in text
     assert "wake_1.nc: the noise was <estimated>" in text
     two = replace(CAUSE, effect="third_body", words="")
-    assert "2 causes are named" in findings.page(verdict("named", causes=(CAUSE, two), before=(), after=()))
+    assert "2 causes are named" in findings.text(verdict("named", causes=(CAUSE, two), before=(), after=()))
 
 
 def test_a_verdict_without_anything_is_still_a_page():
     for kind in KINDS:
-        reader = Reader(findings.page(Verdict(TITLE, kind, ())))
+        reader = Reader(findings.text(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
         assert "None was issued" in reader.text
 
@@ -377,7 +377,7 @@ def test_the_worst_conditions_are_drawn_and_said():
     sizes = [max(pairs.difference(p) for p in g) for g in pairs.every(v)]
     assert sorted(max(pairs.difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
     assert pairs.choice(v).startswith("Drawn are the 4 of 6 conditions")
-    assert pairs.choice(v) in Reader(findings.page(v)).text
+    assert pairs.choice(v) in Reader(findings.text(v)).text
     assert "ambient" not in drawn[0][0].words
     assert pairs.choice(verdict("named", 2)) == ""
 
@@ -458,5 +458,5 @@ def test_extreme_numbers_are_drawn():
 def test_what_was_not_tried_has_no_bar_and_no_score():
     v = verdict("unexplained", 1, rivals=(*RIVALS, Rival("spots", 0.0, 0.0, "not tried: the case has no spots")))
     assert len(causes.why(v).axes[0].patches) == len(RIVALS)
-    row = next(r for r in Reader(findings.page(v)).table("candidate") if r[0] == "spots")
+    row = next(r for r in Reader(findings.text(v)).table("candidate") if r[0] == "spots")
     assert row[1:4] == ["–", "–", "not tried"]

@@ -40,8 +40,8 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["discover"],
     ["judge", "inversion", "planning"],
     ["conclude"],
-    ["report"],
-    ["findings"],
+    ["page"],
+    ["report", "findings"],
     ["export", "job", "verify", "exact", "decay", "settling", "waiting"],
     ["viz"],
     ["terminal"],
@@ -125,7 +125,7 @@ def test_drawing_stays_at_the_edge(module):
         assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"})
     if layer(module) != "viz":
         assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False))
-        if layer(module) not in ("job", "report", "findings", "commands", "__main__"):
+        if layer(module) not in ("job", "page", "report", "findings", "commands", "__main__"):
             assert not any(layer(m) == "viz" for m in own(MODULES[module]))
 
 

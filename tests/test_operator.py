@@ -125,6 +125,19 @@ def _grid(T, told, fine):
 
 
 # --- radiance ---------------------------------------------------------------------------------------
+def test_cells_that_are_left_of_a_coarse_block_do(slid):
+    """Fewer than three cells a direction: the ends follow a line, or the one value there is."""
+    scene, _ = slid
+    told = recording(pitch=1e-3, times=(0.0,), emissivity=1.0)
+    for n, m in ((3, 2), (2, 1), (1, 1)):
+        mesh = Mesh(np.linspace(0, L, n + 1), np.linspace(0, 1e-3, 3), np.linspace(0, H, m + 1), 0, n)
+        field = np.full((1, mesh.n_cells), 40.0)
+        flat = SimpleNamespace(mesh=mesh, x=mesh.x_block, time=np.array([0.0]), frames=np.array([0]), field=field,
+                               T_block=np.full((1, n), 40.0))  # fmt: skip
+        seen = observe(flat, scene, told)
+        assert np.ptp(seen.temperature[:, seen.inside][0]) < 1.0, (n, m)  # but for the wall's own cooling
+
+
 def test_pixels_average_radiance_not_kelvin():
     """Half of the pixel at 50, half at 150 degC reads 106 degC, not 100."""
     mean = LONG_WAVE.temperature(0.5 * (LONG_WAVE.counts(50.0) + LONG_WAVE.counts(150.0)))

@@ -183,18 +183,18 @@ def test_verdicts_follow_from_size_and_structure():
 
 def test_a_refused_shift_and_estimated_noise_are_said():
     s = replace(seeing(), shift_refused=(4.4, 0.4), shift=(0.0, 0.0), shift_error=(0.0, 0.0))
-    reader = Reader(report.page(comparison([s], [])))
+    reader = Reader(report.text(comparison([s], [])))
     assert "A shift of the image by +4.40, +0.40 px would hide part of the difference" in reader.text
     assert "none; +4.40, +0.40 refused" in reader.rows[1]
     assert "The noise of the pixels is not stated in the file" in reader.text
     quiet = replace(s, shift_refused=None, noise=Noise(0.05, 0.02))
-    text = Reader(report.page(comparison([quiet], []))).text
+    text = Reader(report.text(comparison([quiet], []))).text
     assert "would hide" not in text
     assert "is not stated" not in text
 
 
 def test_a_campaign_of_forces_only():
-    reader = Reader(report.page(comparison([], [pulling()])))
+    reader = Reader(report.text(comparison([], [pulling()])))
     assert reader.tags.count("img") == 2
     assert reader.tags.count("table") == 1
     assert "0 recordings, 1 load-cell traces" in reader.text

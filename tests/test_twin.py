@@ -11,7 +11,7 @@ import pytest
 
 from flashtemp import campaign
 from flashtemp.__main__ import main
-from flashtemp.camera.operator import WAKE
+from flashtemp.camera.operator import ABOVE, WAKE
 from flashtemp.camera.recording import load as recording
 from flashtemp.case import build, load
 from flashtemp.compare import compare, words
@@ -94,7 +94,8 @@ def test_a_shift_beyond_what_is_known_is_refused(made):
 
 def test_the_truth_is_made_by_another_discretisation(case, null):
     """At least 1.7 times the cells in every direction, also behind the block; other grading, tolerance and order."""
-    wide, truth = {"road.downstream": 0.042, "numerics.behind": WAKE}, sealed(null)["numerics"]
+    seen = {"road.downstream": 0.042, "numerics.behind": WAKE, "numerics.above": ABOVE}
+    wide, truth = seen, sealed(null)["numerics"]
     believed = load(null / "case.toml", wide)
     fine, coarse = (build(c).mesh for c in (load(null / "case.toml", wide | truth), believed))
     for count in (lambda m: m.last - m.first, lambda m: m.n_road, lambda m: m.n_block, lambda m: m.n_lines - m.last):

@@ -1,0 +1,89 @@
+"""What all HTML files share: one style, the frame of the page, tables, pictures inside, paragraphs and terms."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable
+from html import escape
+
+STYLE = """
+body { font: 16px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1a1a1a; background: #fff;
+  max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin-bottom: .2rem; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; padding-bottom: .2rem; border-bottom: 1px solid #bbb; }
+h3 { font-size: 1rem; margin: 1.8rem 0 .3rem; }
+p, dd { max-width: 46rem; }
+.small { font-size: .85rem; color: #444; }
+.verdict { border-left: .3rem solid #999; padding: .1rem 0 .1rem .8rem; margin: .8rem 0; }
+.good { border-color: #1fa37a; } .near { border-color: #e69f00; } .bad { border-color: #c8420b; }
+.verdict p { margin: .15rem 0; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .8rem; line-height: 1.35; font-variant-numeric: tabular-nums; }
+th, td { text-align: right; vertical-align: top; padding: .3rem .55rem; border-bottom: 1px solid #ddd; }
+th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
+th:first-child, td:first-child, .text { text-align: left; }
+figure { margin: 1rem 0; } img { width: 100%; height: auto; }
+figcaption { font-size: .85rem; color: #444; }
+dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
+@media print {
+  body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
+  table { font-size: 7pt; } th, td { padding: 1pt 3pt; } .wide { overflow: visible; }
+  figure, .verdict, tr { break-inside: avoid; } h2, h3 { break-after: avoid; }
+}
+"""
+
+
+def whole(title: str, body: list[str], more: str = "") -> str:
+    """The text of a self-contained HTML file with parts of a `body`, and `more` style."""
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8" />',
+            '<meta name="viewport" content="width=device-width, initial-scale=1" />',
+            f"<title>{escape(title)}</title>",
+            f"<style>{STYLE}{more}</style>",
+            "</head>",
+            "<body>",
+            *body,
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """A paragraph of plain text, of a class of the style if one is named."""
+    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def terms(some: Iterable[tuple[str, str]]) -> str:
+    """A list of terms and what they mean."""
+    return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in some), "</dl>"])
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """An HTML table of text; what is longer than a number is set flush left."""
+
+    def cell(tag: str, text: str) -> str:
+        kind = ' class="text"' if tag == "td" and len(text) > 24 else ""
+        return f"<{tag}{kind}>{escape(text)}</{tag}>"
+
+    lines = ["".join(cell("td", text) for text in row) for row in rows]
+    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    top = "".join(cell("th", text) for text in head)
+    return f'<div class="wide">\n<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
+
+
+def figure(fig, alt: str, caption: str) -> str:
+    """A picture inside the file, with its caption."""
+    from flashtemp.viz.theme import DPI
+
+    held = io.BytesIO()
+    fig.savefig(held, format="png", dpi=DPI)
+    data = base64.b64encode(held.getvalue()).decode("ascii")
+    source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
+    return f"<figure>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

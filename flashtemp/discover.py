@@ -10,8 +10,7 @@ import numpy as np
 
 from flashtemp import adequacy
 from flashtemp.errors import BadInput
-from flashtemp.fit import LOOSE, Descent, Fit, descend, extra, solved
-from flashtemp.gram import System
+from flashtemp.fit import LOOSE, Descent, Fit, descend, extra
 from flashtemp.look import Wanted
 from flashtemp.model import Candidate, Model
 from flashtemp.score import Score, pairs, scores
@@ -127,7 +126,7 @@ class Search:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
         if depth == 0 and good and self.best.hopeless and not self._extended():
-            self._fit_at(self._companions(good[0], ranked)[:SHORT])
+            self._run(self._companions(good[0], ranked)[:SHORT])
         extended = self._extended()
         if depth:
             extended = [f for f in extended if self._agrees(f)]
@@ -141,27 +140,27 @@ class Search:
         """Fits that hold more effects than the present best and are near their best point."""
         return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
 
-    def _companions(self, first: Score, ranked: list[Score]) -> list[tuple[Model, list[Candidate]]]:
-        """Partners of a strong effect that has no best point alone, with it at typical strength; best first.
+    def _companions(self, first: Score, ranked: list[Score]) -> list[Descent]:
+        """Partners of a strong effect that has no best point alone, by one step of each pair; best first.
 
-        One simulation of each pair: where two effects shape each other, no trace of one alone shows the other.
+        Both begin at typical strength, the images where they were taken: where two effects shape each other, no
+        trace of one alone shows the other, and a base that misfits shifts the images.
         """
         self.watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
         model = Model(dict.fromkeys(self.best.model.free, 0.0), {first.effect: _typical(first)})
-        own = [first.candidate]
-        tried = [(model, own)]
-        tried += [(model.with_effect(s.effect, _typical(s)), [*own, s.candidate]) for s in ranked if s is not first]
-        asked = [self.study.tasks(m, Wanted(), self.best.shifts) for m, _ in tried]
-        looks = iter(self.study.run([t for tasks in asked for t in tasks]))
         found = []
-        for (m, held), tasks in zip(tried, asked, strict=True):
-            answers = [next(looks) for _ in tasks]
-            if not any(isinstance(a, Exception) for a in answers):
-                system = System(self.data.blocks(answers))
-                found.append((solved(self.study, system, m, self.best.shifts, {})[0].ln_evidence, m, held))
-        alone = next((e for e, m, _ in found if len(m.effects) == 1), np.inf)
-        better = sorted((f for f in found if f[0] > alone + NAMED), key=lambda f: -f[0])
-        return [(m, held) for _, m, held in better]
+        for s in ranked:
+            if s is not first and s.seen > 0.0:
+                pair = model.with_effect(s.effect, _typical(s)), {}, [first.candidate, s.candidate]
+                descent = self._from(*pair)
+                looks = self.study.run(descent.tasks())
+                if not any(isinstance(a, Exception) for a in looks):
+                    descent.take(looks)
+                    found.append((descent.fit.ln_evidence, pair))
+        best = [self._from(*pair) for _, pair in sorted(found, key=lambda f: -f[0])]
+        for descent in best:
+            descent.rough = False
+        return best
 
     def _agrees(self, fit: Fit) -> bool:
         """Whether what a further cause adds is the same in all conditions: if not, it mops up something else."""
@@ -172,19 +171,19 @@ class Search:
 
     def _fit(self, groups: list[tuple[Score, ...]]) -> None:
         """Full fits of groups of candidates added to the present best, from where their traces point."""
-        starts = []
+        descents = []
         for group in groups:
             model, own = self.best.model, self._candidates(self.best.model)
             for s in group:
                 model = model.with_effect(s.effect, _inside(s))
             if len(group) == 1:
                 model = Model(_moved(self.study, model.free, group[0].free), model.effects)
-            starts.append((model, [*own, *(s.candidate for s in group)]))
-        self._fit_at(starts)
+            if frozenset(model.effects) not in self.fits:
+                descents.append(self._from(model, self.best.shifts, [*own, *(s.candidate for s in group)]))
+        self._run(descents)
 
-    def _fit_at(self, starts: list[tuple[Model, list[Candidate]]]) -> None:
-        """Full fits from models, of all their effects."""
-        descents = [self._from(m, self.best.shifts, own) for m, own in starts if frozenset(m.effects) not in self.fits]
+    def _run(self, descents: list[Descent]) -> None:
+        """Full fits, kept where they found anything."""
         if descents:
             self.watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
         for d, fit in zip(descents, self._descend(descents), strict=True):
@@ -218,14 +217,13 @@ def alive(fit: Fit) -> bool:
 
 
 def _typical(s: Score) -> dict[str, float]:
-    """Values of an effect at half to one and a half times its typical strength, with the sign of its trace."""
+    """Values of an effect at its typical strength, with the sign of its trace where that is possible."""
     params, values = s.candidate.kind.params(), dict(s.values)
     for (k, a), change in zip(s.candidate.strengths.items(), s.amplitude, strict=True):
-        p, share = params[k], change / a
-        share = float(np.clip(share, 0.5, 1.5) if share >= 0 else np.clip(share, -1.5, -0.5))
-        values[k] = float(np.clip(p.off + share * a, p.low, p.high))
-        if values[k] == p.off:
-            values[k] = float(np.clip(p.off + 0.5 * a, p.low, p.high))
+        p = params[k]
+        values[k] = p.off + float(np.copysign(a, change))
+        if not p.low <= values[k] <= p.high:
+            values[k] = p.off + a
     return values
 
 

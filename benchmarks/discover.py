@@ -1,6 +1,6 @@
 """Blind benchmark of `discover`: effects hidden by seed, found or not, counted against projected signal to noise.
 
-    python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed, two processes
+    python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
     python benchmarks/discover.py table found.jsonl
 
 Truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two, another CVODE binding) and is
@@ -175,8 +175,11 @@ def table(file: Path) -> None:
         print(f"| {low} to {high} | " + " | ".join(map(str, cells)) + " |")
     for kind in ("null", "pair", "outside"):
         print(kind, dict(Counter(outcome(r) for r in kinds[kind])))
-    strong = [r for r in kinds["pair"] if len(r.get("z", {})) == 2 and min(r["z"].values()) >= 10]
-    print("pairs with both z >= 10:", dict(Counter(outcome(r) for r in strong)))
+    for low, high in BINS:
+        own = [r for r in kinds["pair"] if len(r.get("z", {})) == 2 and low <= min(r["z"].values()) < high]
+        print(f"pairs whose weaker z is {low} to {high}:", dict(Counter(outcome(r) for r in own)))
+    for r in sorted(kinds["outside"], key=lambda r: r["hidden"]):
+        print(f"  left out of the catalogue: {r['hidden'][0]} -> {r['verdict']} {', '.join(r.get('accepted', []))}")
     good = [(c, r) for r in kinds["single"] if outcome(r) == "right" for c in r["causes"] if c["true"] is not None]
     inside = sum(c["ci95"][0] <= c["true"] <= c["ci95"][1] for c, _ in good)
     errors = [abs(c["value"] / c["true"] - 1) for c, r in good if max(r["z"].values()) >= 10]
@@ -192,6 +195,6 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "run":
-        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *map(int, sys.argv[5:6]))
     else:
         table(Path(sys.argv[2]))

@@ -57,7 +57,7 @@ class Search:
         if self.refused:
             self.study, (first, *coarse) = without(self.study, [first, *coarse], self.refused)
             self.data = Data(self.study)
-            if not self.study.conditions:
+            if not self.study.campaign.views:  # load cells alone would find nothing wrong
                 raise BadInput(*(f"{file}: {why}" for file, why in self.refused.items()))
         self.data.fix(first, coarse)
         descent = Descent(self.study, self.data, model, {})

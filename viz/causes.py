@@ -105,7 +105,7 @@ def _amplitudes(ax, cause) -> None:
     ax.set_xlim(theme.span(values, [*common.ci95], least=1e-12, margin=0.08))
     unit = "–" if common.unit == "1" else plain(common.unit)
     ax.set_xlabel(f"{pairs.name(common.name)} ({unit})")
-    chance = f"such scatter or more by chance: {100 * cause.consistent:.2g} %"
+    chance = f"so much scatter by chance: {100 * cause.consistent:.2g} %"
     ax.set_title(f"{pairs.name(cause.effect)}: each condition alone\n{chance}")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp import adequacy
 from flashtemp.errors import BadInput
-from flashtemp.fit import LOOSE, Descent, Fit, descend, extra
+from flashtemp.fit import LOOSE, Descent, Fit, advance, descend, extra
 from flashtemp.look import Wanted
 from flashtemp.model import Candidate, Model
 from flashtemp.score import Score, pairs, scores
@@ -22,6 +22,7 @@ APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
 SIMILAR = 0.4  # of the best score: what is refitted beside it
+TOGETHER = 6  # pairs tried at a time: each holds its images
 HOPELESS = 40.0  # behind the best: a refit goes no further
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 
@@ -126,7 +127,7 @@ class Search:
             both = pairs(self.study, self.best, ranked)[:2]
             self._fit([p[1:] for p in both if p[0] > single - self.best.ln_evidence + NAMED and p[0] > 2 * NAMED])
         if depth == 0 and good and self.best.hopeless and not self._extended():
-            self._run(self._companions(good[0], ranked)[:SHORT])
+            self._run(self._companions(good[0], ranked))
         extended = self._extended()
         if depth:
             extended = [f for f in extended if self._agrees(f)]
@@ -141,25 +142,22 @@ class Search:
         return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and usable(f)]
 
     def _companions(self, first: Score, ranked: list[Score]) -> list[Descent]:
-        """Partners of a strong effect that has no best point alone, by one step of each pair; best first.
+        """The best partners of a strong effect that has no best point alone, after one step of each pair.
 
         Both begin at typical strength, the images where they were taken: where two effects shape each other, no
         trace of one alone shows the other, and a base that misfits shifts the images.
         """
         self.watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
         model = Model(dict.fromkeys(self.best.model.free, 0.0), {first.effect: _typical(first)})
-        found = []
-        for s in ranked:
-            if s is not first and s.seen > 0.0:
-                pair = model.with_effect(s.effect, _typical(s)), {}, [first.candidate, s.candidate]
-                descent = self._from(*pair)
-                looks = self.study.run(descent.tasks())
-                if not any(isinstance(a, Exception) for a in looks):
-                    descent.take(looks)
-                    found.append((descent.fit.ln_evidence, pair))
-        best = [self._from(*pair) for _, pair in sorted(found, key=lambda f: -f[0])]
-        for descent in best:
-            descent.rough = False
+        best: list[Descent] = []
+        others = [s for s in ranked if s is not first and s.seen > 0.0]
+        for k in range(0, len(others), TOGETHER):
+            for s in others[k : k + TOGETHER]:
+                pair = model.with_effect(s.effect, _typical(s))
+                best.append(self._from(pair, {}, [first.candidate, s.candidate]))
+                best[-1].rough = False
+            advance(self.study, [d for d in best if d.fit is None])
+            best = sorted((d for d in best if not d.failed), key=lambda d: -d.fit.ln_evidence)[:SHORT]
         return best
 
     def _agrees(self, fit: Fit) -> bool:

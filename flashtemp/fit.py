@@ -211,6 +211,19 @@ def _evidence(system: System, priors, moving: list[str]) -> float:
     return system.solve(still).ln_evidence - 0.5 * pulls
 
 
+def advance(study: Study, descents: list[Descent]) -> None:
+    """One round of several models; all their looks are shared among the workers."""
+    asked = [d.tasks() for d in descents]
+    answers = iter(study.run([t for tasks in asked for t in tasks]))
+    for d, tasks in zip(descents, asked, strict=True):
+        looks = [next(answers) for _ in tasks]
+        faults = [a for a in looks if isinstance(a, Exception)]
+        if faults:
+            d.failed = str(faults[0])
+        else:
+            d.take(looks)
+
+
 def descend(
     study: Study, descents: list[Descent], watch: Callable[[str], Any] = lambda text: None, hopeless: float = np.inf
 ) -> None:
@@ -219,17 +232,7 @@ def descend(
     A model whose evidence lies more than `hopeless` behind the best after three rounds goes no further.
     """
     while live := [d for d in descents if not d.done]:
-        asked = [d.tasks() for d in live]
-        flat = study.run([t for tasks in asked for t in tasks])
-        at = 0
-        for d, tasks in zip(live, asked, strict=True):
-            answers = flat[at : at + len(tasks)]
-            at += len(tasks)
-            faults = [a for a in answers if isinstance(a, Exception)]
-            if faults:
-                d.failed = str(faults[0])
-            else:
-                d.take(answers)
+        advance(study, live)
         top = max((d.fit.ln_evidence for d in descents if d.fit is not None), default=-np.inf)
         for d in live:
             if not d.done and len(d.history) >= 3 and d.fit.ln_evidence < top - hopeless:

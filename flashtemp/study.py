@@ -54,7 +54,7 @@ class Study:
         for (given, views, forces), pins in zip(self.conditions, self.pins, strict=True):
             if coarse:
                 finer = zip(coarse, self.case["numerics.finer"], strict=True)
-                pins = pins | {"numerics.finer": [c * f for c, f in finer]}
+                pins = pins | {"numerics.finer": [max(0.1, c * f) for c, f in finer]}  # the least that a case may give
             out.append(Task(self.campaign.case, given, pins, model, tuple(views), tuple(forces), wanted, dict(shifts)))
         return out
 

@@ -37,22 +37,22 @@ def build(
       road  10 x 6, first cell 3 um
     """
     along, up, down = cells
-    across, higher, deeper = np.broadcast_to(refine, 3).tolist()
-    x = two_sided(length, first_x, last_x, along, across)
+    finer_x, finer_up, finer_down = np.broadcast_to(refine, 3).tolist()
+    x = two_sided(length, first_x, last_x, along, finer_x)
     first = 0
     if upstream > 0:
         n = _cells_for(upstream, 4 * first_x, 1.9)
-        before = -geometric(upstream, first_x, n, across)[::-1]
+        before = -geometric(upstream, first_x, n, finer_x)[::-1]
         first = len(before) - 1
         x = np.concatenate([before[:-1], x])
     last = len(x) - 1
     if downstream > 0:
         n = _cells_for(downstream, last_x, behind)
-        x = np.concatenate([x, length + geometric(downstream, last_x, n, across)[1:]])
+        x = np.concatenate([x, length + geometric(downstream, last_x, n, finer_x)[1:]])
     return Mesh(
         x=x,
-        depth=geometric(depth, first_road, down, deeper),
-        height=geometric(height, first_block, up, higher, above),
+        depth=geometric(depth, first_road, down, finer_down),
+        height=geometric(height, first_block, up, finer_up, above),
         first=first,
         last=last,
     )

@@ -72,13 +72,13 @@ def _smooth_ends(values, nodes, axis: int):
 
     `nodes` are the first edge, the centres and the last edge.
     """
-    parts = [values]
-    for place, near in ((0, slice(0, 3)), (1, slice(-3, None))):
-        at, centre = nodes[-place], nodes[1:-1][near]
+    ends = []
+    for at, near in ((nodes[0], slice(0, 3)), (nodes[-1], slice(-3, None))):
+        centre = nodes[1:-1][near]
         weights = [np.prod((at - np.delete(centre, i)) / (c - np.delete(centre, i))) for i, c in enumerate(centre)]
         end = np.tensordot(np.array([weights]), np.moveaxis(values, axis, 0)[near], 1)
-        parts.insert(place * len(parts), np.moveaxis(end, 0, axis))
-    return np.concatenate(parts, axis)
+        ends.append(np.moveaxis(end, 0, axis))
+    return np.concatenate([ends[0], values, ends[1]], axis)
 
 
 def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:

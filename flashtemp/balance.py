@@ -1,7 +1,7 @@
 """The heat balance C dh/dt = Q of a scene: capacities, resistances, sites and ledger.
 
 The state is the enthalpy rise h of every cell over rho c (K above ambient; the temperature rise
-itself while rho c is constant), the worn depth of every line under the block, and the ledger: energies
+itself while rho c is constant), the worn depth of every column under the block, and the ledger: energies
 (J per metre across) that the same integrator carries along, so that the audit shares every step.
 """
 
@@ -29,25 +29,26 @@ class Balance:
         self.scene, mesh = scene, scene.mesh
         self.laws = Laws(scene)
         self.n = mesh.n_cells
-        rc = np.empty(self.n)
-        k = np.empty(self.n)
+        rc, k = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
         rc[mesh.block], k[mesh.block] = scene.block.volumetric_capacity, scene.block.conductivity
         rc[mesh.road], k[mesh.road] = scene.road.volumetric_capacity, scene.road.conductivity
-        self.capacity = rc * mesh.volume
+        self.capacity, self.conductivity = rc * mesh.volume, k
         along = np.where(mesh.level < mesh.n_road, 1.0, self.laws("block.conductivity_along", 1.0, None, None))
         self.half_x = mesh.width / (2 * k * along * mesh.thickness)
         self.half_z = mesh.thickness / (2 * k * mesh.width)
-        self.gx, self.gz = np.empty_like(self.half_x), np.empty(self.n)
+        self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
         self.ones = np.ones(self.n)
-        kernels.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, self.ones, self.gx, self.gz)
+        one = self.ones[: mesh.n_plane]
+        kernels.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
         self.g_in = 1.0 / self.half_x[: mesh.n_road]
         faces = mesh.x[1:]
         back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
         self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
         self.dz_road = mesh.thickness[: mesh.n_road]
-        self.cell_block, self.cell_road = mesh.block[:, 0].copy(), mesh.road[mesh.first : mesh.last, -1].copy()
-        self.half_block = mesh.thickness[self.cell_block] / (2 * scene.block.conductivity)
-        self.half_road = mesh.thickness[self.cell_road] / (2 * scene.road.conductivity)
+        self.cell_block = mesh.everywhere(mesh.block[:, 0]).ravel()
+        self.cell_road = mesh.everywhere(mesh.road[mesh.first : mesh.last, -1]).ravel()
+        self.half_block = np.full(len(self.cell_block), mesh.height[1] / (2 * scene.block.conductivity))
+        self.half_road = np.full(len(self.cell_road), mesh.depth[1] / (2 * scene.road.conductivity))
         self._deposits()
         self.share = self._reference_fraction()
         self.sites = Sites(scene, self.laws, k)
@@ -56,7 +57,7 @@ class Balance:
         self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
         self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))
         self.size = self.books.stop
-        self.foundation = Foundation(mesh.x_block, mesh.dx_block, scene.length, scene.stiffness)
+        self.foundation = Foundation(mesh.column_x, mesh.column_area, scene.length, scene.stiffness)
         # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
         self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
         self.abrades = self.laws.has("block.abrasion")
@@ -66,9 +67,10 @@ class Balance:
 
         Block and lanes close separately, so any constant weight makes a sum that every solve can keep.
         """
-        schedule, x = self.scene.schedule, self.scene.mesh.x_block
+        schedule, mesh = self.scene.schedule, self.scene.mesh
         now = self.scene.moment(schedule.phases[0], 0.0)
-        now = now._replace(x=x, local_pressure=np.full(len(x), max(schedule.pressure.value)))
+        pressure = np.full(len(mesh.column_x), max(schedule.pressure.value))
+        now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=pressure)
         return float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
 
     def _deposits(self) -> None:
@@ -83,7 +85,9 @@ class Balance:
         self.surface_share = 1.0 - sum(d.share for d in parts)
         used = np.flatnonzero(self.weight > 1e-18)
         self.weight = self.weight[: used[-1] + 1].copy() if len(used) else self.weight[:0].copy()
-        self.deep_cells = np.ascontiguousarray(self.scene.mesh.block[:, : len(self.weight)])
+        mesh = self.scene.mesh
+        deep = mesh.everywhere(mesh.block[:, : len(self.weight)])
+        self.deep_cells = np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:
@@ -94,10 +98,11 @@ class Balance:
         """Slope of rho c with temperature (cells,) in 1/K, or None where it is constant."""
         if not (self.laws.has("block.capacity_gradient") or self.laws.has("road.capacity_gradient")):
             return None
-        slope = np.zeros(self.n)
-        slope[self.scene.mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
-        slope[self.scene.mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
-        return slope
+        mesh = self.scene.mesh
+        slope = np.zeros(mesh.n_plane)
+        slope[mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
+        slope[mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
+        return np.repeat(slope, mesh.n_across)
 
     def rise(self, h: np.ndarray) -> np.ndarray:
         """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
@@ -116,9 +121,9 @@ class Balance:
 
     @cached_property
     def initial_depth(self) -> np.ndarray:
-        """Depth (lines,) in m worn before the first start."""
-        mesh, now = self.scene.mesh, self.scene.moment(self.scene.schedule.phases[0], 0.0)
-        return laws_mean(self.laws, "block.worn", mesh.x[mesh.first : mesh.last + 1], now, 0.0)
+        """Depth (columns,) in m worn before the first start."""
+        now = self.scene.moment(self.scene.schedule.phases[0], 0.0)
+        return laws_mean(self.laws, "block.worn", self.scene.mesh, now, 0.0)
 
     def initial(self) -> np.ndarray:
         """State (size,) before the first start: all at ambient temperature, the block worn as given."""
@@ -127,11 +132,11 @@ class Balance:
         return y
 
     def worn_depth(self, y: np.ndarray) -> np.ndarray:
-        """Worn depth (lines,) in m of a state."""
+        """Worn depth (columns,) in m of a state."""
         return y[self.worn] * self.worn_unit
 
     def stored(self, y: np.ndarray) -> tuple[float, float]:
         """Heat in block and in road lanes above ambient, J per metre across."""
-        E = self.capacity * y[: self.n]
         mesh = self.scene.mesh
+        E = self.capacity * (mesh.planes(y[: self.n]) @ mesh.share)
         return float(E[mesh.block].sum()), float(E[mesh.road].sum())

@@ -194,22 +194,21 @@ def build(case: Case) -> Scene:
         ambient=v.ambient.temperature + KELVIN,
         length=v.block.length,
         height=v.block.height,
-        width=v.block.width,
         spot_diameter=v.contact.spot_diameter,
         track_length=v.road.track_length,
         stiffness=v.block.stiffness,
     )
-    laws, edges, now = Laws(scene), mesh.x[mesh.first : mesh.last + 1], scene.moment(schedule.phases[0], 0.0)
-    worn = laws_mean(laws, "block.worn", edges, now, 0.0).max()
+    laws, now = Laws(scene), scene.moment(schedule.phases[0], 0.0)
+    worn = laws_mean(laws, "block.worn", mesh, now, 0.0).max()
     if worn >= v.block.height:
         raise BadInput(
             f"block.height: {v.block.height:g} m is not more than the {worn:g} m worn off its face at the start; "
             "give that profile in m"
         )
-    shape = laws_mean(laws, "contact.pressure", edges, now)
-    if not shape @ mesh.dx_block > 0:
+    mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / v.block.length
+    if not mean > 0:
         raise BadInput(
-            f"contact.pressure: its profile is {shape @ mesh.dx_block / v.block.length:g} on average under the block; "
+            f"contact.pressure: its profile is {mean:g} on average under the block; "
             "give a profile > 0 on average"
         )
     return scene
@@ -232,7 +231,7 @@ def _probe(acting, v, materials, case):
     """Contributions of one effect on a scene without mesh, to ask what it speaks about."""
     scene = SimpleNamespace(
         length=v.block.length, width=v.block.width, height=v.block.height, spot_diameter=v.contact.spot_diameter,
-        ambient=v.ambient.temperature + KELVIN, **materials,
+        ambient=v.ambient.temperature + KELVIN, resolved=v.numerics.across > 1, **materials,
     )  # fmt: skip
     return acting.contributions(scene)
 
@@ -275,10 +274,11 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
             f"numerics.first_block: {first:g} m is more than a quarter of block.height; give a smaller first cell"
         )
     along, up, down = (n * f for n, f in zip(v.numerics.cells, refine, strict=True))
-    cells = along * (up + v.numerics.above * refine[1] + down)
-    if cells > 5e6:
+    across = 1 if v.numerics.across == 1 else v.numerics.across * keys.refinement(level)
+    cells = along * (up + v.numerics.above * refine[1] + down) * across
+    if cells > 2e7:
         raise BadInput(
-            f"numerics.mesh: {level} gives about {cells:.2g} cells; at most 5e6, give a coarser mesh"
+            f"numerics.mesh: {level} gives about {cells:.2g} cells; at most 2e7, give a coarser mesh"
         )
     if v.numerics.last_x > v.block.length / 4:
         raise BadInput(
@@ -314,4 +314,7 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
         refine=refine,
         behind=v.numerics.behind,
         above=v.numerics.above,
+        width=v.block.width,
+        across=max(round(across), 1),
+        first_y=v.numerics.first_y,
     )

@@ -16,7 +16,7 @@ class Coupling:
 
     def __init__(self, footprint, meeting, now, T, T_in, kf, gamma: float):
         self.b = b = footprint.b
-        dx, d = b.scene.mesh.dx_block, meeting.slopes
+        area, d = b.scene.mesh.column_area, meeting.slopes
         state = footprint.state(now, meeting.press.pressure + 1j * STEP)
         flux = footprint.fluxes(state, now, T, T_in, kf)
         moved = meeting._replace(state=state, flux=flux)
@@ -24,9 +24,9 @@ class Coupling:
         def slope(values):
             return np.imag(values) / STEP
 
-        self.face = slope(state.phi * flux.into_block * dx)
-        self.power = slope(state.phi * flux.heat * dx)
-        self.books = (self.power, slope(state.phi * flux.into_road * dx), slope(flux.into_road * dx))
+        self.face = slope(state.phi * flux.into_block * area)
+        self.power = slope(state.phi * flux.heat * area)
+        self.books = (self.power, slope(state.phi * flux.into_road * area), slope(flux.into_road * area))
         self.abrasion = slope(footprint.abrasion_rate(moved, now))
         spot, mu = (
             slope(footprint.abrasion_rate(meeting._replace(flux=meeting.flux._replace(**{k: v + 1j * STEP})), now))
@@ -52,7 +52,8 @@ class Coupling:
         heat[b.cell_road] = scale * self.books[2] * dp
         if len(b.weight):
             kernels.deposit(b.deep_cells, b.weight, scale * self.power * dp, heat)
-        out[: b.n] += heat / b.capacity
+        mesh = b.scene.mesh
+        mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
         out[b.worn] += scale / b.worn_unit * self.abrasion * dp
         for name, slope in zip(("friction", "into_road", "lane_in"), self.books, strict=True):
             out[b.entry[name]] += scale * (slope @ dp)

@@ -35,7 +35,7 @@ class Footprint:
 
     # --- pressure ------------------------------------------------------------------------------
     def meet(self, now, worn, T, T_in, kf, slopes: bool = False) -> Meeting:
-        """Settle the block, worn by `worn` (lines,) m, on the road and solve the contact.
+        """Settle the block, worn by `worn` (columns,) m, on the road and solve the contact.
 
         `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.  While the
         block is lifted there are no fluxes.
@@ -54,12 +54,12 @@ class Footprint:
         return Meeting(state, press, *(out if slopes else (out,)))
 
     def _pressed(self, now) -> np.ndarray:
-        """Pressure over its mean (lines,) of a block that is not worn."""
+        """Pressure over its mean (columns,) of a block that is not worn."""
         self._look(now)
         if self._shape is None:
-            mesh = self.mesh
-            shape = laws_mean(self.laws, "contact.pressure", mesh.x[mesh.first : mesh.last + 1], now)
-            self._shape = shape / (np.sum(shape * mesh.dx_block) / np.sum(mesh.dx_block))
+            area = self.mesh.column_area
+            shape = laws_mean(self.laws, "contact.pressure", self.mesh, now)
+            self._shape = shape / (np.sum(shape * area) / np.sum(area))
         return self._shape
 
     def _turning(self, now) -> tuple[float, float]:
@@ -105,15 +105,16 @@ class Footprint:
             self._when, self._shape, self._phi = when, None, None
 
     def state(self, now, local) -> contact.ContactState:
-        """Contact laws at a local pressure (lines,) Pa."""
+        """Contact laws at a local pressure (columns,) Pa."""
         self._look(now)
         laws = self.laws
-        now = now._replace(x=self.mesh.x_block, local_pressure=local)
+        now = now._replace(x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=local)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
         if self._phi is None or phi.dtype != self._phi.dtype or not np.array_equal(phi, self._phi):
-            covered = phi @ self.mesh.dx_block / self.mesh.dx_block.sum()
+            area = self.mesh.column_area
+            covered = phi @ area / area.sum()
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
             self._phi, self._kept = phi, (covered, *self._spread(seen))
         covered, flash, deep, lane = self._kept
@@ -143,7 +144,7 @@ class Footprint:
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
         return now._replace(
-            x=self.mesh.x_block, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
+            x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
         )
 
     def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
@@ -163,7 +164,7 @@ class Footprint:
             state,
             T[b.cell_block] + ambient,
             T[b.cell_road] + ambient,
-            T_in[-1] + ambient,
+            np.tile(T_in[-self.mesh.n_across :], self.mesh.last - self.mesh.first) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
             friction,
@@ -173,6 +174,6 @@ class Footprint:
 
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, meeting: Meeting, now) -> np.ndarray:
-        """dw/dt (lines,) in m/s."""
+        """dw/dt (columns,) in m/s."""
         at = self.at(meeting.state, now)._replace(friction=meeting.flux.mu)
         return now.speed * self.laws("block.abrasion", 0.0, meeting.flux.spot, at) * np.ones(len(at.x))

@@ -224,15 +224,16 @@ def sweep(start, m, capacity, gamma, up, down, inv, mul, low, low2, high, r, z):
 
 
 @njit(cache=True)
-def add_slopes(start, m, own, up, down, v, rate):
-    """Add the linearised boundary and contact laws to `rate`: diagonal, and across the interface."""
-    for c in range(len(v)):
-        rate[c] += own[c] * v[c]
-    for i in range(len(start) - 1):
-        if start[i + 1] - start[i] > m:
-            s = start[i] + m - 1
-            rate[s] += up[i] * v[s + 1]
-            rate[s + 1] += down[i] * v[s]
+def add_slopes(cell, slope, road, block, up, down, v, rate):
+    """Add the linearised boundary and contact laws to `rate`: on the diagonal at `cell`, and across the interface.
+
+    `road`, `block` (columns,) are the cells on both sides of the interface, `up`, `down` their slopes.
+    """
+    for i in range(len(cell)):
+        rate[cell[i]] += slope[i] * v[cell[i]]
+    for i in range(len(road)):
+        rate[road[i]] += up[i] * v[block[i]]
+        rate[block[i]] += down[i] * v[road[i]]
 
 
 @njit(cache=True)

@@ -60,6 +60,10 @@ TABLES: dict[str, dict[str, Param]] = {
         "cells": Param(
             [56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)
         ),
+        "across": Param(
+            1, "1", "cells across the width at mesh = 1; 1 leaves the width out (2D)", low=1, high=5000, kinds=("whole",)
+        ),
+        "first_y": Param(None, "m", "first cell at both side walls; even cells if not given", low=1e-7, high=1.0),
         "finer": Param(
             [1, 1, 1], "1", "factors on mesh along the block, up the block, down the road", kinds=("factors",)
         ),

@@ -64,8 +64,17 @@ class Laws:
         return sizes
 
 
-def laws_mean(laws: Laws, target: str, edges, now, base: float = 1.0):
-    """Cell means of a quantity whose laws depend on x; exactly `base` where no law speaks."""
+def laws_mean(laws: Laws, target: str, mesh, now, base: float = 1.0):
+    """Means over the columns under the block of a quantity whose laws depend on x and y; `base` where no law speaks.
+
+    In 2D laws are asked on the centre line.
+    """
     if not laws.has(target):
-        return np.full(len(edges) - 1, base)
-    return gauss_mean(lambda x: laws(target, base, None, now._replace(x=x)) + 0.0 * x, edges)
+        return np.full(len(mesh.column_x), base)
+    edges = mesh.x[mesh.first : mesh.last + 1]
+
+    def along(y):
+        return gauss_mean(lambda x: laws(target, base, None, now._replace(x=x[..., None], y=y)) + 0.0 * (x[..., None] + y), edges)
+
+    means = along(np.zeros(1)) if mesh.n_across == 1 else gauss_mean(along, mesh.y)
+    return means.ravel()

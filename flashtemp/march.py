@@ -157,16 +157,17 @@ def _explain(balance, stage, t, y, fault) -> str:
     mesh, h = balance.scene.mesh, y[: balance.n]
     bad = np.flatnonzero(~np.isfinite(h))
     cell = int(bad[0]) if len(bad) else int(np.argmax(np.abs(h)))
-    body = "block" if mesh.level[cell] >= mesh.n_road else "road"
-    x, z = mesh.x_centre[mesh.line[cell]], mesh.z_centre[cell]
+    body = "block" if mesh.level[cell // mesh.n_across] >= mesh.n_road else "road"
+    x, y_at, z = mesh.place(cell)
+    where = f"x = {x * 1e3:.3g} mm, " + (f"y = {y_at * 1e3:.3g} mm, " if mesh.n_across > 1 else "")
     T = balance.rise(h) + balance.scene.ambient
     moment = stage.moment(t)  # evenly pressed: what failed may be the pressure itself
-    even = stage.footprint.state(moment, np.full(len(mesh.x_block), moment.pressure))
+    even = stage.footprint.state(moment, np.full(len(mesh.column_x), moment.pressure))
     moment = stage.footprint.at(even, moment)
     sizes = balance.laws.contributors(T[balance.cell_block], moment)
     effect = max(sizes, key=sizes.get) if sizes else "none"
     return (
-        f"{fault}; at t = {t:.6g} s, hottest {body} cell x = {x * 1e3:.3g} mm, z = {z * 1e3:.3g} mm "
+        f"{fault}; at t = {t:.6g} s, hottest {body} cell {where}z = {z * 1e3:.3g} mm "
         f"({T[cell] - KELVIN:.4g} degC), largest effect: {effect}"
     )
 
@@ -180,7 +181,7 @@ def lap_memory(scene: Scene) -> Track:
     )
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
-    return Track(scene.track_length, dz, scene.road.conductivity, scene.road.volumetric_capacity, film, lateral)
+    return Track(scene.track_length, dz, scene.road.conductivity, scene.road.volumetric_capacity, film, lateral, scene.mesh.n_across)
 
 
 def inflow(scene, phase, track):
@@ -200,28 +201,31 @@ def leave(scene, stage, t, y, track) -> None:
     place = stage.phase.slid_before + now.slid - scene.mesh.x[-1]
     if track.place and place - track.place[-1] < track.lap / 400:
         return
-    column, drift = stage.b.rise(y[: stage.b.n])[scene.mesh.road[-1]], now.ambient - scene.ambient
+    last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
+    column, drift = stage.b.rise(y[: stage.b.n])[last], now.ambient - scene.ambient
     track.leave(t, place, column - drift, stage.entering(now) - drift, stage.meet(now, y).state.covered)
 
 
 def restart(scene, balance, before, now) -> None:
     """The road at a new start: spread sideways where the block rested on it, else forgotten or carried."""
-    road = scene.mesh.road
+    mesh = scene.mesh
     y = now.y.copy()
     old = balance.stored(y)
     stage = Stage(balance, before, inflow(scene, before, now.track))
     moment = stage.moment(before.end)
-    rise = np.zeros(balance.n)
-    rise[road] = stage.entering(moment)
+    rise = balance.rise(y[: balance.n])
+    road, entering = mesh.planes(rise)[mesh.road], stage.entering(moment).reshape(mesh.n_road, -1)
+    fresh = entering + 0.0 * road
     if not scene.schedule.lifted:
         spread = stage.footprint.lanes(stage.meet(moment, y).state, moment)
-        rise[road] += spread[:, None] * (balance.rise(y[: balance.n])[road] - rise[road])
+        fresh += spread[:, None, None] * (road - entering)
     elif now.track is not None:
         share = stage.meet(moment, y).state.covered
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
-        left = mixed * (balance.rise(y[: balance.n])[road] - rise[road])
-        rise[road] += balance.laws("road.inflow", 0.0, None, moment._replace(carried=left))
-    y[road] = balance.enthalpy(rise)[road]
+        fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
+    everywhere = mesh.everywhere(mesh.road)
+    rise[everywhere] = fresh
+    y[everywhere] = balance.enthalpy(rise)[everywhere]
     now.left = now.left + np.subtract(old, balance.stored(y))
     now.y = y
 
@@ -235,13 +239,13 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         raise SolverFailure("the block is worn through to its holder")
     T = balance.rise(y[:n])
     entering = stage.entering(moment)
-    _, _, kf = stage.conduction(T, moment)
+    kf = stage.solid.conduction(T, moment)
     C0 = scene.ambient - KELVIN
-    under = entering[-1]
+    under = entering[-mesh.n_across :]
     mu = np.nan
     state, press, flux, _ = stage.footprint.meet(moment, worn, T, entering, kf)
     if flux is not None and stage.phase.sliding:
-        load = np.maximum(state.pressure, 1e-300) * mesh.dx_block  # an unloaded block weighs evenly
+        load = np.maximum(state.pressure, 1e-300) * mesh.column_area  # an unloaded block weighs evenly
         mu = float((flux.mu * load).sum() / load.sum())
     if t == 0.0:  # the initial state, before any heat
         surface, lane = T[balance.cell_block], T[balance.cell_road] + C0
@@ -252,11 +256,10 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
     else:
         surface = balance.sites.surface_rise("block.face", stage.footprint.at(state, moment), T, kf)
         spot = surface + C0
-        lane = under + state.lane * (T[balance.cell_road] - under) + C0
+        below = np.tile(under, mesh.last - mesh.first)
+        lane = below + state.lane * (T[balance.cell_road] - below) + C0
     lanes = stage.footprint.lanes(state, moment)
-    cells = T + C0
-    cells[mesh.road] = C0 + entering + lanes[:, None] * (T[mesh.road] - entering)
-    behind = T[mesh.road[mesh.last :, -1]]  # lanes keep their heat as they widen: so does the mean across y
+    behind = mesh.planes(T)[mesh.road[mesh.last :, -1]]  # lanes keep their heat as they widen: so does the mean
     wake = C0 + under + state.covered * (behind - under)
     block, road = np.add(balance.stored(y), now.left)
     energy = dict(zip(balance.ledger, y[balance.books], strict=True)) | {
@@ -269,18 +272,28 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         "repetition": stage.phase.repetition,
         "slid": stage.phase.slid_before + moment.slid,
         "sliding": stage.phase.sliding,
-        "T_block": surface + C0,
-        "T_spot": spot,
-        "T_road": lane,
-        "T_wake": wake,
-        "pressure": state.pressure * (1.0 if moment.touching else 0.0),
+        "T_wake": wake @ mesh.share,
         "friction": mu,
-        "worn": worn,
         "tilt": 2.0 * press.tilt / (balance.foundation.stiffness * scene.length),
         "energy": list(energy.values()),
     }
+    contact = {
+        "T_block": surface + C0,
+        "T_spot": spot,
+        "T_road": lane,
+        "pressure": state.pressure * (1.0 if moment.touching else 0.0),
+        "worn": worn,
+    }
+    row |= {name: mesh.across(values) for name, values in contact.items()}
     if frame:
+        cells, lanes = T + C0, stage.footprint.lanes(state, moment)[:, None, None]
+        fresh = entering.reshape(mesh.n_road, -1)
+        road = mesh.planes(T)[mesh.road]
+        mesh.planes(cells)[mesh.road] = C0 + fresh + lanes * (road - fresh)
         row |= {"frames": len(now.records.get("time", [])), "cells": cells.astype(precision)}
+        if mesh.n_across > 1:
+            maps = {name: values.reshape(-1, mesh.n_across) for name, values in (contact | {"T_wake": wake}).items()}
+            row |= {f"map_{name}": values.astype(precision) for name, values in maps.items()}
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)
@@ -315,6 +328,7 @@ def finish(scene, balance, now, title) -> Run:
         energy=energy,
         frames=np.array(r["frames"]),
         field=np.array(r["cells"]),
+        maps={name.removeprefix("map_"): np.array(values) for name, values in r.items() if name.startswith("map_")},
         ambient_degC=scene.ambient - KELVIN,
         width=scene.width,
         conductivity=(scene.block.conductivity, scene.road.conductivity),

@@ -2,12 +2,13 @@
 
 One line runs from deep in the road up to its surface and, where the block stands, on through the
 interface to the holder.  All cells of a line are neighbours in memory, so that a line solve is one
-pass; lines are ordered in the direction of sliding, so that a sweep follows the road.
+pass; lines are ordered in the direction of sliding, so that a sweep follows the road.  Across the
+direction of sliding all planes (x, z) are alike: cell c of plane j has the number c n_across + j.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +29,9 @@ class Mesh:
 
     `x` (n_lines+1,) line edges in m, downstream positive, leading edge at 0; `depth` (n_road+1,)
     road cell edges in m below the surface; `height` (n_block+1,) block cell edges in m above it;
-    `first`, `last`: the block stands on lines first..last-1.
+    `first`, `last`: the block stands on lines first..last-1; `y` (n_across+1,) edges in m across, from the centre
+    line: two in 2D.  What belongs to a plane (`line`, `level`, `block`, `road`, ...) has n_plane cells.  Areas and
+    volumes are per metre of the block's width: summed across they are those of a 2D mesh.
 
     >>> from flashtemp.meshes import block_on_road
     >>> m = block_on_road.build(length=0.025, height=0.007, depth=0.01, cells=(8, 6, 5))
@@ -41,6 +44,7 @@ class Mesh:
     height: np.ndarray
     first: int
     last: int
+    y: np.ndarray = field(default_factory=lambda: np.array([-0.025, 0.025]))
 
     @property
     def n_lines(self) -> int:
@@ -64,18 +68,33 @@ class Mesh:
         return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
     @property
-    def n_cells(self) -> int:
+    def n_across(self) -> int:
+        """Planes across the direction of sliding, 1 in 2D."""
+        return len(self.y) - 1
+
+    @property
+    def n_plane(self) -> int:
+        """Cells of one plane."""
         return int(self.start[-1])
+
+    @property
+    def n_cells(self) -> int:
+        return self.n_plane * self.n_across
+
+    @cached_property
+    def share(self) -> np.ndarray:
+        """Share (n_across,) of the block's width that each plane stands for."""
+        return np.diff(self.y) / (self.y[-1] - self.y[0])
 
     @cached_property
     def line(self) -> np.ndarray:
-        """Line number (n_cells,) of every cell."""
+        """Line number (n_plane,) of every cell of a plane."""
         return np.repeat(np.arange(self.n_lines), np.diff(self.start))
 
     @cached_property
     def level(self) -> np.ndarray:
-        """Place (n_cells,) in the line, 0 = deepest road cell, n_road = block surface cell."""
-        return np.arange(self.n_cells) - self.start[self.line]
+        """Place (n_plane,) in the line, 0 = deepest road cell, n_road = block surface cell."""
+        return np.arange(self.n_plane) - self.start[self.line]
 
     @cached_property
     def block(self) -> np.ndarray:
@@ -89,18 +108,18 @@ class Mesh:
 
     @cached_property
     def thickness(self) -> np.ndarray:
-        """Cell height dz (n_cells,) in m."""
+        """Cell height dz (n_plane,) in m."""
         line = np.concatenate([np.diff(self.depth)[::-1], np.diff(self.height)])
         return line[self.level]
 
     @cached_property
     def width(self) -> np.ndarray:
-        """Cell length dx (n_cells,) along the direction of sliding in m."""
+        """Cell length dx (n_plane,) along the direction of sliding in m."""
         return np.diff(self.x)[self.line]
 
     @cached_property
     def volume(self) -> np.ndarray:
-        """Cell volume per metre across the block (n_cells,) in m2."""
+        """Cell volume per metre across the block (n_plane,) in m2."""
         return self.width * self.thickness
 
     @cached_property
@@ -110,7 +129,7 @@ class Mesh:
 
     @cached_property
     def z_centre(self) -> np.ndarray:
-        """Cell centre (n_cells,) in m above the interface, negative in the road."""
+        """Cell centre (n_plane,) in m above the interface, negative in the road."""
         return np.concatenate([-centres(self.depth)[::-1], centres(self.height)])[self.level]
 
     @cached_property
@@ -123,9 +142,45 @@ class Mesh:
         """Lengths of the lines under the block, m."""
         return np.diff(self.x)[self.first : self.last]
 
+    # --- all planes ---------------------------------------------------------------------------
+    def everywhere(self, cells: np.ndarray) -> np.ndarray:
+        """Numbers (..., n_across) of the cells of all planes at cells (...,) of one plane."""
+        return np.asarray(cells)[..., None] * self.n_across + np.arange(self.n_across)
+
+    def planes(self, values: np.ndarray) -> np.ndarray:
+        """View (n_plane, n_across) of values (n_cells,)."""
+        return values.reshape(self.n_plane, self.n_across)
+
+    def across(self, columns: np.ndarray) -> np.ndarray:
+        """Mean across y (..., lines) of values (..., columns) under the block, or on all lines."""
+        return columns.reshape(*columns.shape[:-1], -1, self.n_across) @ self.share
+
+    @cached_property
+    def y_centre(self) -> np.ndarray:
+        """Centres of the planes (n_across,) in m from the centre line."""
+        return centres(self.y)
+
+    @cached_property
+    def column_x(self) -> np.ndarray:
+        """Place (columns,) in m from the leading edge of the columns under the block: line by line, then across."""
+        return np.repeat(self.x_block, self.n_across)
+
+    @cached_property
+    def column_y(self) -> np.ndarray:
+        """Place (columns,) in m from the centre line of the columns under the block."""
+        return np.tile(self.y_centre, self.last - self.first)
+
+    @cached_property
+    def column_area(self) -> np.ndarray:
+        """Area (columns,) in m of the columns under the block, per metre of its width."""
+        return np.outer(self.dx_block, self.share).ravel()
+
     @cached_property
     def patches(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Named boundary patches: cells, face areas per metre across (m), half cell widths (m)."""
+        """Named boundary patches: cells, face areas per metre across (m), half cell widths (m).
+
+        In 2D "block.sides" are both side walls, met by the whole section: a fin.
+        """
         top, under = self.block[:, -1], self.block[:, 0]
         free = np.r_[0 : self.first, self.last : self.n_lines]
         surface = self.road[:, -1]
@@ -138,11 +193,35 @@ class Mesh:
             "road.under": surface[self.first : self.last],
         }
         out |= {k: (c, self.width[c], 0.5 * self.thickness[c]) for k, c in flats.items()}
-        return out
+        n = self.n_across
+        out = {
+            k: (self.everywhere(c).ravel(), np.outer(area, self.share).ravel(), np.repeat(half, n))
+            for k, (c, area, half) in out.items()
+        }
+        return out | {"block.sides": self._sides(self.block), "road.sides": self._sides(self.road)}
+
+    def _sides(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The two walls at the ends of y of cells of a plane, as a patch."""
+        cells, n = cells.ravel(), self.n_across
+        area = self.volume[cells] / (self.y[-1] - self.y[0])
+        if n == 1:
+            return cells, 2.0 * area, 0.0 * area
+        half = 0.5 * np.diff(self.y)[[0, -1]]
+        return (
+            np.concatenate([cells * n, cells * n + n - 1]),
+            np.concatenate([area, area]),
+            np.repeat(half, len(cells)),
+        )
+
+    def place(self, cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, y, z in m of the centres of cells (numbers among n_cells)."""
+        plane, j = np.divmod(cell, self.n_across)
+        return self.x_centre[self.line[plane]], self.y_centre[j], self.z_centre[plane]
 
     def __str__(self) -> str:
+        planes = f" x {self.n_across} planes" if self.n_across > 1 else ""
         return (
-            f"Mesh {self.n_cells} cells in {self.n_lines} depth lines\n"
+            f"Mesh {self.n_cells} cells in {self.n_lines} depth lines{planes}\n"
             f"  block {self.last - self.first} x {self.n_block}, first cell {self.height[1] * 1e6:.3g} um\n"
             f"  road  {self.n_lines} x {self.n_road}, first cell {self.depth[1] * 1e6:.3g} um"
         )

@@ -22,6 +22,7 @@ class Run:
     weighted; `worn` (n, lines) worn depth in m; `tilt` (n,) of the holder in rad, leading edge down;
     `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
     `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
+    In 3D profiles are means across y, and `maps` {name: (frames, lines, planes)} resolve them.
     """
 
     title: str
@@ -46,6 +47,7 @@ class Run:
     conductivity: tuple[float, float] = (0.25, 1.0)
     statistics: dict = field(default_factory=dict)
     case_text: str = ""
+    maps: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def x(self) -> np.ndarray:

@@ -32,6 +32,7 @@ class Moment(NamedTuple):
     ambient: float  # air and initial temperature, K
     repetition: int = 1
     x: Any = None  # m from the leading edge
+    y: Any = 0.0  # m from the centre line
     local_pressure: Any = None  # Pa at x
     spot_fraction: Any = None  # macroasperity contact fraction at x
     covered: Any = None  # macroasperity contact fraction, mean over the block's length
@@ -69,10 +70,19 @@ class Scene:
     ambient: float
     length: float
     height: float
-    width: float
     spot_diameter: float
     track_length: float | None = None
     stiffness: float = 1.4e9
+
+    @property
+    def width(self) -> float:
+        """Width across the direction of sliding, m."""
+        return float(self.mesh.y[-1] - self.mesh.y[0])
+
+    @property
+    def resolved(self) -> bool:
+        """Whether there are cells across: 3D."""
+        return self.mesh.n_across > 1
 
     def moment(self, phase, t: float) -> Moment:
         """The schedule at time t within a phase."""

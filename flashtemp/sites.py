@@ -22,7 +22,7 @@ class Sites:
         parts = [mesh.patches[s] for s in self.names] or [(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))]
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
-        self.half = half / conductivity[self.cell]
+        self.half = half / conductivity[self.cell // mesh.n_across]
         n = len(self.names)
         self.film, self.far = np.empty(n), np.empty(n)
         self.total, self.surface = np.zeros(n), np.zeros(n)
@@ -46,20 +46,20 @@ class Sites:
             led[to] += heat.sum()
 
     def slopes(self, now, T, kf, own, rows) -> None:
-        """Add d(heat)/dT to the diagonal `own` (cells,) and to the ledger's `rows`."""
+        """Add (cells, d(heat)/dT) to the list `own` and to the ledger's `rows`."""
         self._films(now)
         for s, site in enumerate(self.names):
             if self.film[s] < np.inf:
                 at = slice(self.offset[s], self.offset[s + 1])
                 cells = self.cell[at]
                 slope = -self.area[at] / (self.half[at] / kf[cells] + self.film[s])
-                own[cells] += slope
+                own.append((cells, slope))
                 rows[_ledger(site, self.laws.films[site][0][0])].append((cells, slope))
         for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
             slope = np.imag(heat) / STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
-                own[cells] += slope
-                rows[to].append((cells.ravel(), slope.ravel()))
+                own.append((cells.ravel(), slope.ravel()))
+                rows[to].append(own[-1])
 
     def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
         """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""
@@ -68,7 +68,7 @@ class Sites:
             return T[cell]
         self._films(now)
         s = self.names.index(site)
-        inner = half / (self.k * kf)[cell]
+        inner = half / (self.k[cell // self.scene.mesh.n_across] * kf[cell])
         return T[cell] + (self.far[s] - T[cell]) * inner / (inner + self.film[s])
 
     def _films(self, now, dtype=float) -> list[list[tuple[float, float]]]:
@@ -105,16 +105,15 @@ class Sites:
         mesh = self.scene.mesh
         for part, p, _ in self.laws.patches:
             cell, area, half = mesh.patches[part.site]
-            at = now._replace(x=mesh.x_centre[mesh.line[cell]])
-            yield (
-                _ledger(part.site, part),
-                cell,
-                area * patch_flux(part.law, T[cell], half / (self.k * kf)[cell], at, p),
-            )
+            x, y, _ = mesh.place(cell)
+            inner = half / (self.k[cell // mesh.n_across] * kf[cell])
+            flux = patch_flux(part.law, T[cell], inner, now._replace(x=x, y=y), p)
+            yield _ledger(part.site, part), cell, area * flux
         for part, p, _ in self.laws.zones:
-            cells = mesh.block if part.site == "block" else mesh.road
-            at = now._replace(x=mesh.x_centre[mesh.line[cells]])
-            yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * mesh.volume[cells]
+            plane = mesh.block if part.site == "block" else mesh.road
+            cells = mesh.everywhere(plane)
+            at = now._replace(x=mesh.x_centre[mesh.line[plane]][..., None], y=mesh.y_centre)
+            yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * mesh.volume[plane][..., None] * mesh.share
 
 
 def _ledger(site: str, part) -> str:

@@ -26,6 +26,7 @@ class Track:
     volumetric_capacity: float
     film: float
     lateral: float
+    planes: int = 1  # across the direction of sliding
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
     mean: list = field(default_factory=list)  # modal amplitudes of the mean over lanes and gaps
@@ -45,26 +46,34 @@ class Track:
         self.rates = np.maximum(self.rates, 0.0)
 
     def leave(self, t: float, place: float, column, entering, share: float) -> None:
-        """Keep a column (n_road,) of rises that leaves at time t; lanes cover `share` of the width."""
+        """Keep a column of rises that leaves at time t; lanes cover `share` of the width.
+
+        `column` (n_road n_across,), deepest cells first.
+        """
         excess = column - entering
         self.place.append(place)
         self.time.append(t)
-        self.mean.append(self.modes.T @ (self.root * (entering + share * excess)))
-        self.lane.append(self.modes.T @ (self.root * ((1 - share) * excess)))
+        self.mean.append(self._amplitudes(entering + share * excess))
+        self.lane.append(self._amplitudes((1 - share) * excess))
+
+    def _amplitudes(self, column) -> np.ndarray:
+        """Modal amplitudes (n_road, n_across) of a column."""
+        return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
     def carried(self, t: float, place: float) -> np.ndarray:
-        """Rise (n_road,) in K of the road at `place` (m, unwrapped) coming round one lap later."""
+        """Rise (n_road n_across,) in K of the road at `place` (m, unwrapped) coming round one lap later."""
         before = place - self.lap
         k = int(np.searchsorted(self.place, before, side="right"))
         if k == 0 or not self.place:
-            return np.zeros(len(self.dz))
+            return np.zeros(len(self.dz) * self.planes)
         if k == len(self.place):
             parts = ((k - 1, 1.0),)
         else:
             w = (before - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
             parts = ((k - 1, 1.0 - w), (k, w))
-        total = np.zeros(len(self.dz))
+        total = np.zeros((len(self.dz), self.planes))
         for j, weight in parts:
             age = max(t - self.time[j], 0.0)
-            total += weight * np.exp(-self.rates * age) * (self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
-        return self.modes @ total / self.root
+            cooled = np.exp(-self.rates * age)[:, None]
+            total += weight * cooled * (self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
+        return (self.modes @ total / self.root[:, None]).ravel()

@@ -1,4 +1,4 @@
-"""A rectangular block on a half-space of road that moves past below it (2D: x, z)."""
+"""A rectangular block on a half-space of road that moves past below it, in 2D (x, z) or with cells across in 3D."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ def build(
     refine: float | tuple[float, float, float] = 1,
     behind: float = 1.35,
     above: float = 0.0,
+    width: float = 0.05,
+    across: int = 1,
+    first_y: float | None = None,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
@@ -29,7 +32,7 @@ def build(
     edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
     shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
     more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
-    direction or along, up and down.
+    direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -55,7 +58,15 @@ def build(
         height=geometric(height, first_block, up, finer_up, above),
         first=first,
         last=last,
+        y=_across(width, across, first_y),
     )
+
+
+def _across(width: float, cells: int, first: float | None) -> np.ndarray:
+    """Edges (cells + 1,) in m from the centre line, even or fine at both side walls."""
+    if first is None or cells < 4:
+        return width * (np.arange(cells + 1) / cells - 0.5)
+    return two_sided(width, first, first, cells) - 0.5 * width
 
 
 def _cells_for(length: float, first: float, growth: float) -> int:

@@ -66,7 +66,7 @@ def scene(mesh, *parts, rubber=RUBBER, road=ROAD, speed=0.1, pressure=1e5, time=
     plan = Schedule(constant(speed), constant(pressure), speed * time, 2 if wait else 1, wait, lifted)
     return Scene(
         mesh=mesh, block=rubber, road=road, schedule=plan, acting=tuple(acting), ambient=KELVIN,
-        length=float(mesh.x[mesh.last]), height=float(mesh.height[-1]), width=0.05, spot_diameter=3e-3,
+        length=float(mesh.x[mesh.last]), height=float(mesh.height[-1]), spot_diameter=3e-3,
     )  # fmt: skip
 
 

@@ -257,8 +257,8 @@ def test_rims_are_left_out(slid):
 def test_fin_correction_against_the_corner_problem(lab, film, time):
     """Section (y, z) with a hot face, an insulated back and a film on the wall, by finite volumes."""
     z, wall, mean = corner(film, time)
-    scene = lab.scene(lab.column(8, H, 1e-4))
-    factor = wall_cooling(replace(scene, width=W), np.array([film]), z, np.array([time]))[0]
+    scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
+    factor = wall_cooling(scene, np.array([film]), z, np.array([time]))[0]
     depth = (z > 2e-4) & (z < 6e-3)
     off = np.abs((1 - factor) / (1 - wall / mean) - 1)[depth]
     lab.check(f"wall cooler than the section, h = {film:g}, {time:g} s, relative", off.max(), 0.12)

@@ -1,7 +1,7 @@
 """Air cools the walls of the block, the free road, and the face of a lifted block.
 
 >>> from types import SimpleNamespace as N
->>> films = list(Convection().heat(None, None))
+>>> films = list(Convection().heat(N(resolved=False), None))
 >>> films[0].law(N(touching=True), N(convection=10.0))
 10.0
 """
@@ -21,10 +21,16 @@ class Convection(Effect):
     base = True
 
     convection = Param(10.0, "W/m2K", "heat-transfer coefficient to the air", low=0.0, high=1e4, off=0.0)
+    road_sides = Param(
+        0.0, "W/m2K", "heat-transfer coefficient of the sides of a road no wider than the block",
+        low=0.0, high=1e4, off=0.0,
+    )  # fmt: skip
 
     def heat(self, scene, p):
-        """Films on walls, free road and, while lifted, on both faces."""
-        for site in ("block.leading", "block.trailing", "road.free"):
+        """Films on walls, free road and, while lifted, on both faces; in 2D the side walls are left out."""
+        walls = ("block.leading", "block.trailing", "road.free")
+        for site in (*walls, "block.sides") if scene.resolved else walls:
             yield Heat.film(site, lambda now, p: p.convection)
+        yield Heat.film("road.sides", lambda now, p: p.road_sides)
         for site in ("block.face", "road.under"):
             yield Heat.film(site, lambda now, p: 0.0 if now.touching else p.convection)

@@ -1,7 +1,7 @@
 """Warm walls and the warm road radiate to the surroundings: eps sigma (T_air^4 - T^4).
 
 >>> from types import SimpleNamespace as N
->>> leading, *_ = Radiation().heat(N(width=0.05), None)
+>>> leading, *_ = Radiation().heat(None, None)
 >>> round(leading.law(343.15, N(ambient=293.15), N(emissivity=0.95)), 3)
 -349.088
 """
@@ -26,11 +26,10 @@ class Radiation(Effect):
     )  # fmt: skip
 
     def heat(self, scene, p):
-        """Fluxes through leading wall, trailing wall and free road, sink of twice that over W for the side walls."""
+        """Fluxes through all walls and the free road."""
 
         def law(T, now, p):
             return p.emissivity * SIGMA * (now.ambient**4 - T**4)
 
-        for site in ("block.leading", "block.trailing", "road.free"):
+        for site in ("block.leading", "block.trailing", "block.sides", "road.free"):
             yield Heat.patch(site, law)
-        yield Heat.zone("block", lambda T, now, p: 2.0 / scene.width * law(T, now, p))

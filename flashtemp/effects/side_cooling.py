@@ -21,11 +21,10 @@ class SideCooling(Effect):
     gain = Param(20.0, "W/m2K/(m/s)^0.8", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
 
     def heat(self, scene, p):
-        """Films on leading and trailing wall, sink 2h/W for the side walls."""
+        """Films on leading and trailing wall and on the side walls."""
 
         def film(now, p):
             return p.gain * now.speed**0.8
 
-        yield Heat.film("block.leading", film)
-        yield Heat.film("block.trailing", film)
-        yield Heat.zone("block", lambda T, now, p: 2 * film(now, p) / scene.width * (now.ambient - T))
+        for site in ("block.leading", "block.trailing", "block.sides"):
+            yield Heat.film(site, film)

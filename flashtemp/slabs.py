@@ -1,0 +1,271 @@
+"""The compiled loops of 3D: what `kernels` does for one plane, for all planes across at once.
+
+Rows of n_across neighbours in y lie together in memory, and every inner loop runs along them.  All planes
+share the conductances of one (per metre of width) while conductivity is constant; only the interface differs
+from plane to plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SUM = {"reassoc", "contract", "nsz"}
+
+
+@njit(cache=True)
+def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g_in, share, capacity, q):
+    """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
+
+    `gx`, `gz`, `gy` as `kernels.face_conductances` gives them, gy = k dx dz; `before`, `after` (planes,)
+    1/(distance dy) to the neighbours in y, 0 at the side walls; the rest as in `kernels.heat_flows`.
+    """
+    n, ny = len(start) - 1, T.shape[1]
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        p = start[i - 1] if i > 0 else a
+        behind = start[i + 2] - b if i + 1 < n else 0
+        for k in range(size):
+            c = a + k
+            up, over = (c + 1, gz[c]) if k + 1 < size else (c, 0.0)
+            down, under = (c - 1, gz[c - 1]) if k > 0 else (c, 0.0)
+            back, ahead = (p + k, gx[c]) if i > 0 and k < a - p else (c, 0.0)
+            to, along = (b + k, gx[b + k]) if k < behind else (c, 0.0)
+            for j in range(ny):
+                here = T[c, j]
+                q[c, j] = q[c, j] / share[j] + (
+                    over * (T[up, j] - here) + under * (T[down, j] - here)
+                    + ahead * (T[back, j] - here) + along * (T[to, j] - here)
+                )  # fmt: skip
+            if k < m:
+                s, w = slope[i], carry[k]
+                if i == 0:
+                    for j in range(ny):
+                        q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
+                        q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
+                elif i == 1:
+                    r = slope[0]
+                    for j in range(ny):
+                        near = h[back, j]
+                        q[c, j] += w * (near + r * (near - h_in[k, j])) - w * (h[c, j] + s * (h[c, j] - near))
+                else:
+                    r, old = slope[i - 1], start[i - 2] + k
+                    for j in range(ny):
+                        near = h[back, j]
+                        q[c, j] += w * (near + r * (near - h[old, j])) - w * (h[c, j] + s * (h[c, j] - near))
+            g = gy[c]
+            for j in range(1, ny):
+                q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
+            for j in range(ny - 1):
+                q[c, j] += g * after[j] * (T[c, j + 1] - T[c, j])
+            unit = 1.0 / capacity[c]
+            for j in range(ny):
+                q[c, j] *= unit
+
+
+@njit(cache=True)
+def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, T_in, h_in, g_in, share,
+                  capacity, q):  # fmt: skip
+    """`flows` where conductivity varies: `factor` (cells of a plane, planes) k/k_reference, `dy` (planes,) m."""
+    n, ny = len(start) - 1, T.shape[1]
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        p = start[i - 1] if i > 0 else a
+        for k in range(size):
+            c = a + k
+            for j in range(ny):
+                q[c, j] = q[c, j] / share[j]
+            if k > 0 and k != m:  # the interface belongs to the contact laws
+                for j in range(ny):
+                    w = (T[c - 1, j] - T[c, j]) / (half_z[c] / factor[c, j] + half_z[c - 1] / factor[c - 1, j])
+                    q[c, j] += w
+                    q[c - 1, j] -= w
+            if i > 0 and k < a - p:
+                for j in range(ny):
+                    w = (T[p + k, j] - T[c, j]) / (half_x[c] / factor[c, j] + half_x[p + k] / factor[p + k, j])
+                    q[c, j] += w
+                    q[p + k, j] -= w
+            if k < m:
+                s, w = slope[i], carry[k]
+                for j in range(ny):
+                    near = h[p + k, j] if i > 0 else h_in[k, j]
+                    gone = w * (h[c, j] + s * (h[c, j] - near))
+                    q[c, j] -= gone
+                    if i == 0:
+                        q[c, j] += g_in[k] * (T_in[k, j] - T[c, j]) + w * near
+                    else:
+                        old = h[start[i - 2] + k, j] if i > 1 else h_in[k, j]
+                        q[c, j] += w * (near + slope[i - 1] * (near - old))
+            for j in range(1, ny):
+                f = 0.5 * (dy[j - 1] / factor[c, j - 1] + dy[j] / factor[c, j])
+                w = gy[c] * (T[c, j - 1] - T[c, j]) / f
+                q[c, j] += w / dy[j]
+                q[c, j - 1] -= w / dy[j - 1]
+    for c in range(start[n]):
+        unit = 1.0 / capacity[c]
+        for j in range(ny):
+            q[c, j] *= unit
+
+
+@njit(cache=True)
+def across_factors(reach, before, after, up, inv, mul):
+    """Factors of 1 - reach d2/dy2 (planes,), `reach` = gamma times diffusivity in m2."""
+    n = len(before)
+    for j in range(n):
+        up[j] = -reach * after[j]
+        d = 1.0 + reach * (before[j] + after[j])
+        mul[j] = 0.0
+        if j > 0:
+            mul[j] = -reach * before[j] * inv[j - 1]
+            d -= mul[j] * up[j - 1]
+        inv[j] = 1.0 / d
+
+
+@njit(cache=True)
+def across(r, z, first, last, up, inv, mul):
+    """z = (1 - reach d2/dy2)^-1 r on rows first..last-1, four at a time so that their chains overlap."""
+    ny = r.shape[1]
+    c = first
+    while c < last:
+        e = min(c + 1, last - 1)
+        f = min(c + 2, last - 1)
+        g = min(c + 3, last - 1)
+        u, v, w, x = r[c, 0], r[e, 0], r[f, 0], r[g, 0]
+        z[c, 0], z[e, 0], z[f, 0], z[g, 0] = u, v, w, x
+        for j in range(1, ny):
+            s = mul[j]
+            u = r[c, j] - s * u
+            v = r[e, j] - s * v
+            w = r[f, j] - s * w
+            x = r[g, j] - s * x
+            z[c, j] = u
+            z[e, j] = v
+            z[f, j] = w
+            z[g, j] = x
+        u = v = w = x = 0.0
+        for j in range(ny - 1, -1, -1):
+            s, d = up[j], inv[j]
+            u = (z[c, j] - s * u) * d
+            v = (z[e, j] - s * v) * d if e > c else u
+            w = (z[f, j] - s * w) * d if f > e else v
+            x = (z[g, j] - s * x) * d if g > f else w
+            z[c, j] = u
+            z[e, j] = v
+            z[f, j] = w
+            z[g, j] = x
+        c += 4
+
+
+@njit(cache=True)
+def _less(z, to, factor, source, ny):
+    """z[to] -= factor z[source], one row."""
+    for j in range(ny):
+        z[to, j] -= factor * z[source, j]
+
+
+@njit(cache=True)
+def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
+    """`kernels.line_solve` for a slab of lines: rows of z from o on; `under`, `over` (planes,) pivots at the interface."""
+    ny, nb, f = z.shape[1], size - m, a - o
+    s, top = o + m - 1, o + size - 1
+    for k in range(1, m):
+        _less(z, o + k, mul[a + k], o + k - 1, ny)
+    for k in range(1, nb):
+        _less(z, top - k, mul[f + top - k], top - k + 1, ny)
+    if nb == 0:
+        for j in range(ny):
+            z[s, j] *= inv[f + s]
+    else:
+        for j in range(ny):
+            u, d = -gamma * up[j], -gamma * down[j]
+            road, block = z[s, j], z[s + 1, j]
+            scale = 1.0 / (1.0 - u * d * under[j] * over[j])
+            z[s, j] = (road - u * over[j] * block) * under[j] * scale
+            z[s + 1, j] = (block - d * under[j] * road) * over[j] * scale
+    for k in range(1, m):
+        i, g = inv[f + s - k], mul[f + s - k + 1]
+        for j in range(ny):
+            z[s - k, j] = z[s - k, j] * i - g * z[s - k + 1, j]
+    for k in range(1, nb):
+        i, g = inv[f + s + 1 + k], mul[f + s + k]
+        for j in range(ny):
+            z[s + 1 + k, j] = z[s + 1 + k, j] * i - g * z[s + k, j]
+
+
+@njit(cache=True, fastmath=SUM)
+def _row(z, c, share, ny):
+    """Mean of a row across y."""
+    total = 0.0
+    for j in range(ny):
+        total += share[j] * z[c, j]
+    return total
+
+
+@njit(cache=True)
+def sweep(start, m, first, capacity, weight, share, gamma, up, down, under, over, inv, mul, low, low2, high, y_up, y_inv,
+          y_mul, r, z):  # fmt: skip
+    """z = P^-1 (capacity r), P = P_xz C^-1 P_y: every row across, then lines downstream, then corrected back.
+
+    `up`, `down`, `under`, `over` (lines under the block, planes); `y_*` (2, planes) of road and block.  Returns the
+    heat (J per metre of width, rows weighted by `weight`) in r and in z.
+    """
+    n, ny = len(start) - 1, r.shape[1]
+    longest = 0
+    given = 0.0
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        longest = max(longest, size)
+        across(r, z, a, a + m, y_up[0], y_inv[0], y_mul[0])
+        if size > m:
+            across(r, z, a + m, b, y_up[1], y_inv[1], y_mul[1])
+        p = start[i - 1] if i > 0 else a
+        for k in range(size):
+            c = a + k
+            w = capacity[c]
+            given += weight[c] * w * _row(r, c, share, ny)
+            if i > 1 and k < m:
+                f, g, old, older = low[c], low2[c], p + k, start[i - 2] + k
+                for j in range(ny):
+                    z[c, j] = w * z[c, j] - f * z[old, j] - g * z[older, j]
+            elif i > 0 and k < a - p:
+                f, old = low[c], p + k
+                for j in range(ny):
+                    z[c, j] = w * z[c, j] - f * z[old, j]
+            else:
+                for j in range(ny):
+                    z[c, j] *= w
+        at = i - first if size > m else 0
+        line_solve(a, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, z)
+    work = np.empty((longest, ny))
+    for i in range(n - 2, -1, -1):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        top = min(size, start[i + 2] - b)
+        for k in range(top):
+            f = high[a + k]
+            for j in range(ny):
+                work[k, j] = f * z[b + k, j]
+        for k in range(top, size):
+            for j in range(ny):
+                work[k, j] = 0.0
+        at = i - first if size > m else 0
+        line_solve(0, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, work)
+        for k in range(size):
+            for j in range(ny):
+                z[a + k, j] -= work[k, j]
+    kept = 0.0
+    for c in range(start[n]):
+        kept += weight[c] * capacity[c] * _row(z, c, share, ny)
+    return given, kept
+
+
+@njit(cache=True)
+def lift(start, m, rise, z):
+    """Add `rise` to all cells of the block."""
+    for i in range(len(start) - 1):
+        for c in range(start[i] + m, start[i + 1]):
+            for j in range(z.shape[1]):
+                z[c, j] += rise

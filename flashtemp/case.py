@@ -208,8 +208,7 @@ def build(case: Case) -> Scene:
     mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / v.block.length
     if not mean > 0:
         raise BadInput(
-            f"contact.pressure: its profile is {mean:g} on average under the block; "
-            "give a profile > 0 on average"
+            f"contact.pressure: its profile is {mean:g} on average under the block; give a profile > 0 on average"
         )
     return scene
 
@@ -277,9 +276,7 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
     across = 1 if v.numerics.across == 1 else v.numerics.across * keys.refinement(level)
     cells = along * (up + v.numerics.above * refine[1] + down) * across
     if cells > 2e7:
-        raise BadInput(
-            f"numerics.mesh: {level} gives about {cells:.2g} cells; at most 2e7, give a coarser mesh"
-        )
+        raise BadInput(f"numerics.mesh: {level} gives about {cells:.2g} cells; at most 2e7, give a coarser mesh")
     if v.numerics.last_x > v.block.length / 4:
         raise BadInput(
             f"numerics.last_x: {v.numerics.last_x:g} m is more than a quarter of block.length; give a smaller last cell"
@@ -315,6 +312,7 @@ def _mesh(v, road: Material, schedule: Schedule, remembers: bool, shallow: list[
         behind=v.numerics.behind,
         above=v.numerics.above,
         width=v.block.width,
-        across=max(round(across), 1),
+        across=v.numerics.across,
         first_y=v.numerics.first_y,
+        refine_y=keys.refinement(level),
     )

@@ -144,8 +144,9 @@ class Footprint:
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
         return now._replace(
-            x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
-        )
+            x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi,
+            covered=state.covered,
+        )  # fmt: skip
 
     def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
         """Interface fluxes at rises T (cells,) with road entering at T_in (n_road,); see contact.solve."""

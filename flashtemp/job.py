@@ -19,10 +19,11 @@ from flashtemp import case as cases
 from flashtemp import export
 from flashtemp.errors import BadInput, Interrupted
 from flashtemp.folders import partial
+from flashtemp.frames import Frames
 from flashtemp.march import Progress, march
 from flashtemp.run import Run
 
-CHECKPOINT, LOCK = "checkpoint.h5", ".lock"
+CHECKPOINT, FRAMES, LOCK = "checkpoint.h5", "frames.bin", ".lock"
 EVERY = 30.0  # s of wall time between checkpoints
 
 
@@ -116,16 +117,10 @@ def resume(
 
 def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
     with _signals() as stopped:
-        state = state or Progress()
+        state = state or Progress(frames=Frames(work / FRAMES))
         box: dict[str, Progress] = {}
         try:
-            run = march(
-                scene,
-                numerics,
-                case.title,
-                state if state.y is not None else None,
-                _watcher(work, scene, watch, stopped, box),
-            )
+            run = march(scene, numerics, case.title, state, _watcher(work, scene, watch, stopped, box))
         except KeyboardInterrupt:
             save_checkpoint(work, box["progress"])
             raise Interrupted(work) from None
@@ -139,7 +134,8 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
             export.write_pvd(run, work / "pvd")
         if case["output.pictures"]:
             _draw(run, work, case["output.animation"], say)
-        (work / CHECKPOINT).unlink(missing_ok=True)
+        for name in (CHECKPOINT, FRAMES):  # fields that the run still shows stay open until it is gone
+            (work / name).unlink(missing_ok=True)
         old = out.with_name(out.name + ".old")
         if out.exists():
             out.rename(old)
@@ -203,6 +199,7 @@ def save_checkpoint(work: Path, p: Progress) -> None:
                 "phase": p.phase,
                 "steps": p.steps,
                 "wall": p.wall,
+                "frames": len(p.frames),
                 "case": _fingerprint(work),
                 **{f"calls_{k}": v for k, v in p.calls.items()},
             }
@@ -223,7 +220,7 @@ def load_checkpoint(work: Path) -> Progress:
         with h5py.File(work / CHECKPOINT) as file:
             if file.attrs["case"] != _fingerprint(work):
                 raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
-            return _progress(file)
+            return _progress(file, work)
     except (OSError, KeyError) as fault:
         raise BadInput(f"--resume: {work / CHECKPOINT} is damaged ({fault}); start the run anew") from fault
 
@@ -232,7 +229,7 @@ def _fingerprint(work: Path) -> str:
     return hashlib.sha256((work / "case.toml").read_bytes()).hexdigest()
 
 
-def _progress(file) -> Progress:
+def _progress(file, work: Path) -> Progress:
     """The track's columns are put back when the march rebuilds it."""
     a = file.attrs
     records = {k: list(v[:]) for k, v in file["records"].items()}
@@ -243,6 +240,7 @@ def _progress(file) -> Progress:
         phase=int(a["phase"]),
         y=file["y"][:],
         records=records,
+        frames=Frames(work / FRAMES, int(a["frames"])),
         steps=int(a["steps"]),
         calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
         wall=float(a["wall"]),

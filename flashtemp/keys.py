@@ -61,7 +61,7 @@ TABLES: dict[str, dict[str, Param]] = {
             [56, 34, 40], "1", "cells along the block, up the block, down the road at mesh = 1", kinds=("cells",)
         ),
         "across": Param(
-            1, "1", "cells across the width at mesh = 1; 1 leaves the width out (2D)", low=1, high=5000, kinds=("whole",)
+            1, "1", "cells across the width at mesh = 1; 1 leaves the width out: 2D", low=1, high=5000, kinds=("whole",)
         ),
         "first_y": Param(None, "m", "first cell at both side walls; even cells if not given", low=1e-7, high=1.0),
         "finer": Param(
@@ -276,8 +276,10 @@ def wrong(param: Param, value: Any) -> str | None:
         good = isinstance(value, list) and len(value) == 3 and all(isinstance(v, int) and 3 <= v <= 5000 for v in value)
         return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
     if "factors" in kinds:
-        good = isinstance(value, list) and len(value) == 3 and all(
-            isinstance(v, (int, float)) and not isinstance(v, bool) and 0.1 <= v <= 10 for v in value
+        good = (
+            isinstance(value, list)
+            and len(value) == 3
+            and all(isinstance(v, (int, float)) and not isinstance(v, bool) and 0.1 <= v <= 10 for v in value)
         )
         return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
     if isinstance(value, str) and "text" in kinds:

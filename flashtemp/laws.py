@@ -74,7 +74,11 @@ def laws_mean(laws: Laws, target: str, mesh, now, base: float = 1.0):
     edges = mesh.x[mesh.first : mesh.last + 1]
 
     def along(y):
-        return gauss_mean(lambda x: laws(target, base, None, now._replace(x=x[..., None], y=y)) + 0.0 * (x[..., None] + y), edges)
+        def law(x):
+            at = now._replace(x=x[:, None], y=y)
+            return laws(target, base, None, at) + 0.0 * (at.x + y)
+
+        return gauss_mean(law, edges)
 
     means = along(np.zeros(1)) if mesh.n_across == 1 else gauss_mean(along, mesh.y)
     return means.ravel()

@@ -11,6 +11,7 @@ import numpy as np
 from flashtemp.balance import Balance
 from flashtemp.cvode import Integrator, Tolerance
 from flashtemp.errors import SolverFailure
+from flashtemp.frames import Frames
 from flashtemp.run import Run
 from flashtemp.scene import KELVIN, Scene
 from flashtemp.stage import Stage
@@ -41,6 +42,7 @@ class Progress:
     phase: int = 0
     y: np.ndarray | None = None
     records: dict[str, list] = field(default_factory=dict)
+    frames: Frames = field(default_factory=Frames)
     steps: int = 0
     calls: dict[str, int] = field(default_factory=lambda: {"rate": 0, "times": 0, "setup": 0, "solve": 0})
     wall: float = 0.0
@@ -81,12 +83,13 @@ def march(
     """
     began = clock.perf_counter()
     balance = Balance(scene)
-    now = state or Progress(y=balance.initial(), left=np.zeros(2))
-    spent = now.wall
+    now = state or Progress()
+    resumed, spent = now.y is not None, now.wall
+    if not resumed:
+        now.y, now.left = balance.initial(), np.zeros(2)
     if now.track is None and scene.schedule.lap is not None:
         now.track = replace(lap_memory(scene), **(now.columns or {}))
     phases = scene.schedule.phases
-    resumed = state is not None
     while now.phase < len(phases):
         phase = phases[now.phase]
         if not resumed and phase.sliding and phase.begin == phase.start and now.phase > 0:
@@ -181,7 +184,8 @@ def lap_memory(scene: Scene) -> Track:
     )
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
-    return Track(scene.track_length, dz, scene.road.conductivity, scene.road.volumetric_capacity, film, lateral, scene.mesh.n_across)
+    road, planes = scene.road, scene.mesh.n_across
+    return Track(scene.track_length, dz, road.conductivity, road.volumetric_capacity, film, lateral, planes)
 
 
 def inflow(scene, phase, track):
@@ -290,17 +294,18 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         fresh = entering.reshape(mesh.n_road, -1)
         road = mesh.planes(T)[mesh.road]
         mesh.planes(cells)[mesh.road] = C0 + fresh + lanes * (road - fresh)
-        row |= {"frames": len(now.records.get("time", [])), "cells": cells.astype(precision)}
+        kept = {"cells": cells}
         if mesh.n_across > 1:
-            maps = {name: values.reshape(-1, mesh.n_across) for name, values in (contact | {"T_wake": wake}).items()}
-            row |= {f"map_{name}": values.astype(precision) for name, values in maps.items()}
+            kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (contact | {"T_wake": wake}).items()}
+        now.frames.append({name: a.astype(precision) for name, a in kept.items()})
+        row |= {"frames": len(now.records.get("time", []))}
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)
 
 
 def finish(scene, balance, now, title) -> Run:
-    r = now.records
+    r, maps = now.records, now.frames.stacked()
     energy = dict(zip(r["ledger"], np.array(r["energy"]).T, strict=True))
     statistics = {
         "steps": now.steps,
@@ -327,8 +332,8 @@ def finish(scene, balance, now, title) -> Run:
         tilt=np.array(r["tilt"]),
         energy=energy,
         frames=np.array(r["frames"]),
-        field=np.array(r["cells"]),
-        maps={name.removeprefix("map_"): np.array(values) for name, values in r.items() if name.startswith("map_")},
+        field=maps.pop("cells"),
+        maps=maps,
         ambient_degC=scene.ambient - KELVIN,
         width=scene.width,
         conductivity=(scene.block.conductivity, scene.road.conductivity),

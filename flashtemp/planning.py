@@ -137,7 +137,7 @@ def experiments(study: Study, fit: Fit, effects: list[str]) -> tuple[Experiment,
         system = System([*fit.blocks, *blocks])
         wider = replace(fit, system=system, blocks=system.blocks, priors=fit.priors | _priors(study, system, fit))
         left = _left(study, wider, effects)
-        helps = tuple(e for e in effects if left[e] >= SURE > now[e])
+        helps = tuple(e for e in effects if left.get(e, 0.0) >= SURE > now.get(e, 0.0))
         out.append(Experiment(words, task.given, left, helps))
     return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 

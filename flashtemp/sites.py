@@ -113,7 +113,8 @@ class Sites:
             plane = mesh.block if part.site == "block" else mesh.road
             cells = mesh.everywhere(plane)
             at = now._replace(x=mesh.x_centre[mesh.line[plane]][..., None], y=mesh.y_centre)
-            yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * mesh.volume[plane][..., None] * mesh.share
+            volume = mesh.volume[plane][..., None] * mesh.share
+            yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * volume
 
 
 def _ledger(site: str, part) -> str:

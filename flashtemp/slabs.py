@@ -14,6 +14,29 @@ SUM = {"reassoc", "contract", "nsz"}
 
 
 @njit(cache=True)
+def _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
+    """Add to row c, place k of line i, what the moving road carries in and out."""
+    if k >= m:
+        return
+    ny, s, w = q.shape[1], slope[i], carry[k]
+    if i == 0:
+        for j in range(ny):
+            q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
+            q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
+        return
+    r, back = slope[i - 1], start[i - 1] + k
+    if i == 1:
+        for j in range(ny):
+            near = h[back, j]
+            q[c, j] += w * (near + r * (near - h_in[k, j])) - w * (h[c, j] + s * (h[c, j] - near))
+        return
+    old = start[i - 2] + k
+    for j in range(ny):
+        near = h[back, j]
+        q[c, j] += w * (near + r * (near - h[old, j])) - w * (h[c, j] + s * (h[c, j] - near))
+
+
+@njit(cache=True)
 def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g_in, share, capacity, q):
     """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
 
@@ -34,26 +57,9 @@ def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g
             to, along = (b + k, gx[b + k]) if k < behind else (c, 0.0)
             for j in range(ny):
                 here = T[c, j]
-                q[c, j] = q[c, j] / share[j] + (
-                    over * (T[up, j] - here) + under * (T[down, j] - here)
-                    + ahead * (T[back, j] - here) + along * (T[to, j] - here)
-                )  # fmt: skip
-            if k < m:
-                s, w = slope[i], carry[k]
-                if i == 0:
-                    for j in range(ny):
-                        q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
-                        q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
-                elif i == 1:
-                    r = slope[0]
-                    for j in range(ny):
-                        near = h[back, j]
-                        q[c, j] += w * (near + r * (near - h_in[k, j])) - w * (h[c, j] + s * (h[c, j] - near))
-                else:
-                    r, old = slope[i - 1], start[i - 2] + k
-                    for j in range(ny):
-                        near = h[back, j]
-                        q[c, j] += w * (near + r * (near - h[old, j])) - w * (h[c, j] + s * (h[c, j] - near))
+                z = (T[up, j] - here) * over + (T[down, j] - here) * under
+                q[c, j] = q[c, j] / share[j] + (z + (T[back, j] - here) * ahead + (T[to, j] - here) * along)
+            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
@@ -65,48 +71,38 @@ def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g
 
 
 @njit(cache=True)
-def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, T_in, h_in, g_in, share,
-                  capacity, q):  # fmt: skip
+def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, T_in, h_in, g_in, share, capacity, q):
     """`flows` where conductivity varies: `factor` (cells of a plane, planes) k/k_reference, `dy` (planes,) m."""
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
         a, b = start[i], start[i + 1]
         size = b - a
         p = start[i - 1] if i > 0 else a
+        behind = start[i + 2] - b if i + 1 < n else 0
         for k in range(size):
             c = a + k
+            up = c + 1 if k + 1 < size and k + 1 != m else c  # the interface belongs to the contact laws
+            down = c - 1 if k > 0 and k != m else c
+            back = p + k if i > 0 and k < a - p else c
+            to = b + k if k < behind else c
             for j in range(ny):
-                q[c, j] = q[c, j] / share[j]
-            if k > 0 and k != m:  # the interface belongs to the contact laws
-                for j in range(ny):
-                    w = (T[c - 1, j] - T[c, j]) / (half_z[c] / factor[c, j] + half_z[c - 1] / factor[c - 1, j])
-                    q[c, j] += w
-                    q[c - 1, j] -= w
-            if i > 0 and k < a - p:
-                for j in range(ny):
-                    w = (T[p + k, j] - T[c, j]) / (half_x[c] / factor[c, j] + half_x[p + k] / factor[p + k, j])
-                    q[c, j] += w
-                    q[p + k, j] -= w
-            if k < m:
-                s, w = slope[i], carry[k]
-                for j in range(ny):
-                    near = h[p + k, j] if i > 0 else h_in[k, j]
-                    gone = w * (h[c, j] + s * (h[c, j] - near))
-                    q[c, j] -= gone
-                    if i == 0:
-                        q[c, j] += g_in[k] * (T_in[k, j] - T[c, j]) + w * near
-                    else:
-                        old = h[start[i - 2] + k, j] if i > 1 else h_in[k, j]
-                        q[c, j] += w * (near + slope[i - 1] * (near - old))
+                f, here = factor[c, j], T[c, j]
+                over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j]))
+                under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j]))
+                ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
+                along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
+                q[c, j] = q[c, j] / share[j] + ((over + under) + (ahead + along))
+            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            g = gy[c]
             for j in range(1, ny):
-                f = 0.5 * (dy[j - 1] / factor[c, j - 1] + dy[j] / factor[c, j])
-                w = gy[c] * (T[c, j - 1] - T[c, j]) / f
-                q[c, j] += w / dy[j]
-                q[c, j - 1] -= w / dy[j - 1]
-    for c in range(start[n]):
-        unit = 1.0 / capacity[c]
-        for j in range(ny):
-            q[c, j] *= unit
+                apart = 0.5 * (dy[j] / factor[c, j] + dy[j - 1] / factor[c, j - 1])
+                q[c, j] += g * (1.0 / (apart * dy[j])) * (T[c, j - 1] - T[c, j])
+            for j in range(ny - 1):
+                apart = 0.5 * (dy[j + 1] / factor[c, j + 1] + dy[j] / factor[c, j])
+                q[c, j] += g * (1.0 / (apart * dy[j])) * (T[c, j + 1] - T[c, j])
+            unit = 1.0 / capacity[c]
+            for j in range(ny):
+                q[c, j] *= unit
 
 
 @njit(cache=True)
@@ -167,7 +163,7 @@ def _less(z, to, factor, source, ny):
 
 @njit(cache=True)
 def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
-    """`kernels.line_solve` for a slab of lines: rows of z from o on; `under`, `over` (planes,) pivots at the interface."""
+    """`kernels.line_solve` for rows of z from o on; `under`, `over` (planes,) are the pivots at the interface."""
     ny, nb, f = z.shape[1], size - m, a - o
     s, top = o + m - 1, o + size - 1
     for k in range(1, m):
@@ -204,8 +200,10 @@ def _row(z, c, share, ny):
 
 
 @njit(cache=True)
-def sweep(start, m, first, capacity, weight, share, gamma, up, down, under, over, inv, mul, low, low2, high, y_up, y_inv,
-          y_mul, r, z):  # fmt: skip
+def sweep(
+    start, m, first, capacity, weight, share, gamma, up, down, under, over, inv, mul, low, low2, high, y_up, y_inv,
+    y_mul, r, z,
+):  # fmt: skip
     """z = P^-1 (capacity r), P = P_xz C^-1 P_y: every row across, then lines downstream, then corrected back.
 
     `up`, `down`, `under`, `over` (lines under the block, planes); `y_*` (2, planes) of road and block.  Returns the

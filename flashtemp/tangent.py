@@ -232,8 +232,8 @@ def _copy(source: Progress, target: Progress, phase) -> None:
         if phase.begin < t <= phase.end or t == phase.begin == 0.0:
             if i in frames:
                 target.records.setdefault("frames", []).append(len(target.records.get("time", [])))
-                target.records.setdefault("cells", []).append(source.records["cells"][frames.index(i)])
-            for name in source.records.keys() - {"ledger", "frames", "cells"}:
+                target.frames.append(source.frames.row(frames.index(i)))
+            for name in source.records.keys() - {"ledger", "frames"}:
                 target.records.setdefault(name, []).append(source.records[name][i])
 
 

@@ -25,6 +25,7 @@ def build(
     width: float = 0.05,
     across: int = 1,
     first_y: float | None = None,
+    refine_y: float = 1,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
@@ -32,7 +33,8 @@ def build(
     edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
     shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
     more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
-    direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`.
+    direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`, all
+    refined by `refine_y`; one stays one.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -58,15 +60,17 @@ def build(
         height=geometric(height, first_block, up, finer_up, above),
         first=first,
         last=last,
-        y=_across(width, across, first_y),
+        y=_across(width, across, first_y, refine_y),
     )
 
 
-def _across(width: float, cells: int, first: float | None) -> np.ndarray:
-    """Edges (cells + 1,) in m from the centre line, even or fine at both side walls."""
+def _across(width: float, cells: int, first: float | None, refine: float) -> np.ndarray:
+    """Edges in m from the centre line: even, or fine at both side walls."""
+    if cells == 1:
+        return np.array([-0.5 * width, 0.5 * width])
     if first is None or cells < 4:
-        return width * (np.arange(cells + 1) / cells - 0.5)
-    return two_sided(width, first, first, cells) - 0.5 * width
+        first = width
+    return two_sided(width, first, first, cells, refine) - 0.5 * width
 
 
 def _cells_for(length: float, first: float, growth: float) -> int:

@@ -61,7 +61,10 @@ def test_a_campaign_is_read(folder):
         (HEAD + "titel = 1\n" + VIEW, "did you mean 'title'"),
         (HEAD + VIEW + "sigma = 1\n", "did you mean 'sigma_K'"),
         (HEAD + VIEW + "sigma_K = -1\n", "sigma_K: -1; give a number > 0"),
-        (HEAD + VIEW + 'with = { "contact.presure" = 1 }\n', "recording 1: contact.presure (with): unknown key; did you mean 'pressure'"),
+        (
+            HEAD + VIEW + 'with = { "contact.presure" = 1 }\n',
+            "recording 1: contact.presure (with): unknown key; did you mean 'pressure'",
+        ),
         (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
         (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
         (HEAD + '[[recording]]\nfile = "mu.csv"\n', "not a NetCDF recording"),

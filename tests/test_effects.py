@@ -28,6 +28,11 @@ OPTIONAL = [n for n in EVERY if not catalogue()[n].base]
 BASE = [n for n in EVERY if catalogue()[n].base]
 HEATING = [n for n in OPTIONAL if catalogue()[n].heat is not Effect.heat]  # the others act on the picture only
 NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]}}
+SHAPES = {  # of the case: how the block waits, and whether it has a width
+    "lifted": {},
+    "resting": {"schedule.lifted": False},
+    "3D": {"numerics.across": 3, "ambient.road_sides": 30.0},
+}
 WITH = {"wear": ("edge_pressure",), "evaporation": ("track_memory",)}
 ARRAYS = (
     "time",
@@ -98,15 +103,19 @@ def differences(a, b) -> list[str]:
     return [k for k in ARRAYS if not np.array_equal(getattr(a, k), getattr(b, k), equal_nan=True)]
 
 
-@pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", HEATING)
-def test_off_is_the_base_bit_for_bit(run, name, lifted):
-    wait = (("schedule.lifted", lifted),)
+def test_off_is_the_base_bit_for_bit(run, name, shape):
+    wait = tuple(SHAPES[shape].items())
     assert differences(run((name,), wait + offs(name)), run((), wait)) == []
 
 
 @pytest.mark.parametrize("name", HEATING)
 def test_acts_at_its_defaults(run, name):
+    if name == "pressure_roll":  # what leans sideways has a width
+        shape = tuple(SHAPES["3D"].items())
+        assert np.ptp(run((name,), shape).field[-1] - run((), shape).field[-1]) > 1.0
+        return
     on, base = run((*WITH.get(name, ()), name)), run(WITH.get(name, ()))
     rise = [np.interp(0.39, r.slid[r.sliding], r.T_spot[r.sliding].max(axis=1)) for r in (on, base)]
     assert abs(rise[0] - rise[1]) > 1e-3
@@ -143,19 +152,20 @@ def test_meaning_of_off_in_the_base(run):
 # --- the exact Jacobian --------------------------------------------------------------------------
 def smooth(mesh, rng) -> np.ndarray:
     """A smooth random temperature rise (cells,), 1-15 K."""
-    x, z = mesh.x_centre[mesh.line] / 0.025, mesh.z_centre / 2e-3
+    x, y, z = mesh.place(np.arange(mesh.n_cells))
+    x, z = x / 0.025 + 10.0 * y, z / 2e-3
     a, b = rng.uniform(0, 2 * np.pi, 2)
     return 8 + 4 * np.cos(2 * x + a) * np.exp(-np.abs(z)) + 3 * np.sin(3 * x + z + b)
 
 
-def stages(case, name, lifted, **given):
+def stages(case, name, shape, **given):
     """Balance with a stage in the middle of sliding and of waiting, at a random smooth state."""
-    values = RICH | {"schedule.lifted": lifted} | given
+    values = RICH | SHAPES[shape] | given
     if name == "heat_depth":
         values |= {"friction.volumetric_share": 0.0}
     scene = build(case(*([name] if name else []), values=values))
     balance = Balance(scene)
-    carried = np.linspace(0.1, 1.0, scene.mesh.n_road)
+    carried = np.linspace(0.1, 1.0, scene.mesh.n_road * scene.mesh.n_across)
     inflow = (lambda now: carried) if balance.laws.has("road.inflow") else None
     phases = scene.schedule.phases
     for phase in (next(p for p in phases if p.sliding), next(p for p in phases if not p.sliding)):
@@ -163,7 +173,9 @@ def stages(case, name, lifted, **given):
         y = np.zeros(balance.size)
         y[: balance.n] = balance.enthalpy(smooth(scene.mesh, rng))
         if balance.abrades:
-            y[balance.worn] = 3 * np.cos(3 * scene.mesh.x_block / 0.025)  # the pressure varies by 15 %
+            y[balance.worn] = 3 * np.cos(
+                3 * scene.mesh.column_x / 0.025 + 20 * scene.mesh.column_y
+            )  # the pressure varies by 15 %
         yield balance, Stage(balance, phase, inflow), 0.5 * (phase.begin + phase.end), y, rng
 
 
@@ -190,18 +202,19 @@ def product(balance, stage, t, y, v) -> np.ndarray:
 def heat_weights(balance, share) -> np.ndarray:
     """w with w . y = heat in block and phi x lanes, minus all that the ledger says came in."""
     w = np.zeros(balance.size)
-    w[: balance.n] = balance.capacity
-    w[balance.scene.mesh.road] *= share
+    mesh = balance.scene.mesh
+    w[: balance.n] = np.outer(balance.capacity, mesh.share).ravel()
+    w[mesh.everywhere(mesh.road)] *= share
     signs = {"friction": -1.0, "into_road": 1.0, "lane_in": -share, "lane_out": share, "lane_air": -share}
     for entry, i in balance.entry.items():
         w[i] = signs.get(entry, -1.0)
     return w
 
 
-@pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
-def test_jacobian_is_exact(case, name, lifted):
-    for balance, stage, t, y, rng in stages(case, name, lifted):
+def test_jacobian_is_exact(case, name, shape):
+    for balance, stage, t, y, rng in stages(case, name, shape):
         for v in (smooth(balance.scene.mesh, rng) - 8, rng.normal(size=balance.n)):
             v = direction(balance, v, rng)
             J = product(balance, stage, t, y, v)
@@ -223,7 +236,7 @@ def test_jacobian_is_exact_where_effects_meet(case, names):
     stage = Stage(balance, scene.schedule.phases[0])
     y = balance.initial()
     y[: balance.n] = smooth(scene.mesh, rng)
-    y[balance.worn] = 3 * np.cos(3 * scene.mesh.x_block / 0.025)
+    y[balance.worn] = 3 * np.cos(3 * scene.mesh.column_x / 0.025 + 20 * scene.mesh.column_y)
     v = direction(balance, smooth(scene.mesh, rng) - 8, rng)
     J, up, down = product(balance, stage, 1.0, y, v), np.zeros(balance.size), np.zeros(balance.size)
     stage.rate(1.0, y + 1e-3 * v, up)
@@ -232,11 +245,11 @@ def test_jacobian_is_exact_where_effects_meet(case, names):
         np.testing.assert_allclose(J[part], ((up - down) / 2e-3)[part], rtol=1e-6, atol=1e-8 * np.abs(J[part]).max())
 
 
-@pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
-def test_linearisation_used_by_the_solver(case, name, lifted):
+def test_linearisation_used_by_the_solver(case, name, shape):
     """`times` is J v, but for the slope of k(T) and for where mu(T) puts heat in the depth: those by little."""
-    for balance, stage, t, y, rng in stages(case, name, lifted):
+    for balance, stage, t, y, rng in stages(case, name, shape):
         bent = balance.nonlinear_conductivity or "friction.mu" in balance.laws.factors
         bent |= balance.abrades  # lanes and gaps follow the mean contact fraction, which is left out
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
@@ -249,7 +262,7 @@ def test_linearisation_used_by_the_solver(case, name, lifted):
 
 def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(case):
     fixed = {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0}
-    for balance, stage, t, y, rng in stages(case, "wear", True, **fixed):
+    for balance, stage, t, y, rng in stages(case, "wear", "lifted", **fixed):
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
         J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
         stage.setup(t, y, 1e-2)
@@ -258,11 +271,11 @@ def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(case):
             assert np.linalg.norm((out - J)[part]) <= 1e-10 * np.linalg.norm(J[part])
 
 
-@pytest.mark.parametrize("lifted", [True, False], ids=["lifted", "resting"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
-def test_every_linear_step_conserves_heat(case, name, lifted):
+def test_every_linear_step_conserves_heat(case, name, shape):
     """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
-    for balance, stage, t, y, rng in stages(case, name, lifted):
+    for balance, stage, t, y, rng in stages(case, name, shape):
         out, r = np.zeros(balance.size), rng.normal(size=balance.size)
         w = heat_weights(balance, balance.share)
         stage.rate(t, y, out)
@@ -277,12 +290,14 @@ def test_every_linear_step_conserves_heat(case, name, lifted):
 
 @pytest.mark.parametrize("name", HEATING)
 def test_energy_audit(run, name):
-    for lifted in (True, False):
-        assert run((name,), (("schedule.lifted", lifted),)).energy_imbalance < 1e-10
+    for shape in SHAPES.values():
+        assert run((name,), tuple(shape.items())).energy_imbalance < 1e-10
 
 
-def test_energy_audit_of_all_effects_together(run):
-    assert run(tuple(HEATING), tuple((RICH | {"friction.volumetric_share": 0.0}).items())).energy_imbalance < 1e-10
+@pytest.mark.parametrize("shape", SHAPES)
+def test_energy_audit_of_all_effects_together(run, shape):
+    values = RICH | SHAPES[shape] | {"friction.volumetric_share": 0.0}
+    assert run(tuple(HEATING), tuple(values.items())).energy_imbalance < 1e-10
 
 
 def test_runaway_is_explained(case):

@@ -25,7 +25,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["balance"],
     ["footprint", "coupling", "solid"],
     ["stage"],
-    ["track", "run", "cvode"],
+    ["track", "run", "cvode", "frames"],
     ["march"],
     ["tangent"],
     ["keys", "case"],

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp import campaign
+from flashtemp import campaign, planning
 from flashtemp.__main__ import main
 from flashtemp.case import load
 from flashtemp.effect import catalogue
@@ -119,6 +119,21 @@ def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
     assert scores == sorted(scores, reverse=True)
     by_words = {e.words: e for e in outlooks[0].experiments}
     assert by_words["with the laboratory 20 K warmer"].helps == ()  # changes neither load nor speed
+
+
+def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
+    """What the data at hand cannot trace counts as unseen; the next experiment may show it."""
+    whole = planning._left
+
+    def without(study, fit, effects):
+        left = whole(study, fit, effects)
+        if len(study.conditions) == 1 and len(effects) < len(study.tried):
+            left.pop(ALIKE[0], None)
+        return left
+
+    monkeypatch.setattr(planning, "_left", without)
+    found = outlook(campaign.load(written(planned("{}")), planned=True)).experiments
+    assert found and all(ALIKE[0] not in e.z_left and ALIKE[0] not in e.helps for e in found)
 
 
 def test_the_advice_comes_true(outlooks, tmp_path_factory):

@@ -40,7 +40,7 @@ MOVES = {  # key: value of the base, step of the trace, step of the full marches
     "capacity_slope.block": (0.0, 3e-5, 4e-4),
     "heat_depth.share": (0.0, 2e-3, 2e-2),
     "ambient_drift.rate": (0.0, 5e-5, 5e-3),
-    "track_memory.strength": (0.0, 1e-3, 2e-2),
+    "track_memory.strength": (0.0, 1e-3, 1e-1),
     "wear.rate": (0.0, 6e-13, 3e-12),
     "conductivity_anisotropy.excess": (0.0, 3e-3, 3e-2),
 }

@@ -1,0 +1,131 @@
+"""Cells across: 3D against 2D, against closed forms, and against finite volumes of other hands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix, diags
+from scipy.sparse.linalg import splu
+
+from flashtemp.balance import Balance
+from flashtemp.camera.operator import wall_cooling
+from flashtemp.effect import Factor, Heat
+from flashtemp.meshes import block_on_road
+from flashtemp.stage import Stage
+
+W = 0.02
+SMALL = {
+    "block__width": W, "block__height": 0.004, "numerics__mesh": 0.4, "schedule__distance": 0.15,
+    "output__profiles": 8, "output__fields": 3, "numerics__rtol": 1e-6,
+}  # fmt: skip
+ROLLED = {"effects": ["pressure_profile"], "pressure_profile__across": [[-0.01, 0.5], [0.0, 1.5], [0.01, 0.5]]}
+
+
+def test_width_without_anything_across_is_2d(lab):
+    """Insulated side walls and an even pressure: every plane is the plane of 2D."""
+    still = SMALL | {"ambient__convection": 0.0}
+    flat, wide = lab.case(**still), lab.case(**still, numerics__across=16, numerics__first_y=1e-3)
+    assert wide.mesh.n_across == 6
+    rise = flat.T_block[-1].max() - flat.ambient_degC
+    for name in ("T_block", "T_spot", "T_road", "T_wake"):
+        lab.check(f"3D against 2D, {name}", np.abs(getattr(wide, name) - getattr(flat, name)).max() / rise, 1e-5)
+        assert np.ptp(wide.maps[name], axis=2).max() < 1e-5 * rise
+    assert wide.friction == pytest.approx(flat.friction, rel=1e-9)
+
+
+@pytest.mark.parametrize("first", [None, 1e-3])
+def test_cosine_across_decays_by_conduction_and_order(lab, first):
+    """An insulated block at cos(2 pi y/W): exp(-D (2 pi/W)^2 t), with even cells and with fine ones at the walls."""
+    errors, time, k = [], 30.0, 2 * np.pi / W
+    for refine in (1, 2, 4):
+        sized = block_on_road.build(0.1, 0.1, 0.1, width=W, across=12, first_y=first, refine_y=refine)
+        mesh = replace(lab.column(3, 0.004, 1e-3), y=sized.y)
+        edges = np.sin(k * mesh.y) / k
+        start = np.diff(edges) / np.diff(mesh.y)
+        warmed = Heat.zone("block", lambda T, now, p: 1e4 + 0.0 * T)  # the audit needs heat that moves
+        _, rise = lab.slide(lab.scene(mesh, lab.APART, warmed, time=time), warm=start)
+        block = mesh.planes(rise)[mesh.block] - 1e4 * time / lab.RUBBER.volumetric_capacity
+        decay = np.exp(-lab.RUBBER.diffusivity * k * k * time)
+        errors.append(np.abs(block - start * decay).max())
+    lab.check_second_order("cosine across", errors, 2e-3)
+
+
+def test_pressure_across_against_the_plane_with_a_sink(lab):
+    """One cosine of heat across an insulated block obeys the plane's balance with a sink k (2 pi/W)^2 T: scipy's.
+
+    Everything of the plane is taken from the rates themselves, unit vector by unit vector, so that only what lies
+    across is under test: the planes share matrices, sources scale with the cosine.
+    """
+    n, k, time = 24, 2 * np.pi / W, 1.0
+    law = Factor("contact.pressure", lambda T, now, p: 1.0 + 0.4 * np.cos(k * now.y))
+    sizes = {"length": 0.01, "height": 2e-3, "depth": 3e-3, "cells": (6, 5, 6), "first_x": 1e-3, "last_x": 1e-3,
+             "first_block": 5e-5, "first_road": 5e-5}  # fmt: skip
+    flat = lab.scene(block_on_road.build(**sizes), lab.MU, time=time)
+    wide = lab.scene(block_on_road.build(**sizes, width=W, across=n), lab.MU, law, time=time)
+    _, rise = lab.slide(wide, rtol=1e-8)
+    planes = wide.mesh.planes(rise)
+    y = wide.mesh.y_centre
+    found = planes @ np.cos(k * y) * 2 / n
+    # the plane by itself: C dT/dt = A T + b, then with the sink of the discrete cosine
+    balance = Balance(flat)
+    stage, size = Stage(balance, flat.schedule.phases[0]), balance.n
+    at, out = np.zeros(balance.size), np.zeros(balance.size)
+    stage.rate(0.5, at, out)
+    b = out[:size].copy()
+    rows = []
+    for c in range(size):
+        at[:] = 0.0
+        at[c] = 1.0
+        stage.rate(0.5, at, out)
+        rows.append(out[:size] - b)
+    mesh = flat.mesh
+    D = np.where(mesh.level < mesh.n_road, flat.road.diffusivity, flat.block.diffusivity)
+    sink = D * (2 - 2 * np.cos(k * W / n)) / (W / n) ** 2
+    A = csc_matrix(np.array(rows).T) - diags(sink)
+    T, steps = np.zeros(size), 4000
+    h = time / steps
+    solve = splu((diags(np.ones(size)) - 0.5 * h * A).tocsc()).solve
+    for _ in range(steps):
+        T = solve(T + 0.5 * h * (A @ T) + h * 0.4 * b)
+    cosine = np.sin(k * W / n / 2) / (k * W / n / 2)  # cell means of the cosine
+    lab.check("cosine of pressure against a plane with a sink", np.abs(found - T * cosine).max() / T.max(), 2e-4)
+
+
+def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
+    """The 2D camera's correction for its cooler wall, against the wall that 3D resolves (W = 50 mm, H = 7 mm)."""
+    given = {"numerics__mesh": 0.4, "numerics__above": 10, "ambient__convection": 20.0, "output__fields": 2}
+    wide = lab.case(**given, numerics__across=60, numerics__first_y=5e-5)
+    mesh = wide.mesh
+    block = mesh.planes(wide.field[-1].astype(float) - wide.ambient_degC)[mesh.block]
+    middle = block[block.shape[0] // 2]
+    z = 0.5 * (mesh.height[1:] + mesh.height[:-1])
+    wall, mean = middle[:, 0] / (1 + 20.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity), middle @ mesh.share
+    guess = wall_cooling(lab.scene(lab.column(3, 0.007, 1e-3)), np.array([20.0]), z, np.array([wide.time[-1]]))[0]
+    seen = (z > 3e-4) & (z < 6e-3)
+    assert (wall / mean)[seen].max() < 0.995
+    lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.2)
+
+
+def test_profiles_are_means_of_maps(lab):
+    run = lab.case(**SMALL, **ROLLED, numerics__across=20)
+    assert np.ptp(run.maps["T_block"][-1], axis=1).max() > 1.0
+    for name in ("T_block", "T_spot", "T_road", "pressure", "worn"):
+        np.testing.assert_allclose(run.maps[name] @ run.mesh.share, getattr(run, name)[run.frames], rtol=1e-5, atol=1e-4)
+    load = run.maps["pressure"][-1] @ run.mesh.share @ run.mesh.dx_block / run.mesh.dx_block.sum()
+    assert load == pytest.approx(1.5e5, rel=1e-6)
+
+
+def test_symmetric_pressure_gives_a_symmetric_field(lab):
+    run = lab.case(**SMALL, **ROLLED, numerics__across=20)
+    cells = run.mesh.planes(run.field[-1])
+    np.testing.assert_allclose(cells, cells[:, ::-1], atol=2e-4)
+
+
+def test_a_fixed_block_does_not_lean(lab):
+    """What p(x, y) may not do: y-tilt moves heat to its side, the load stays."""
+    run = lab.case(**SMALL, numerics__across=20, effects=["pressure_roll"], pressure_roll__a=0.5)
+    rise = run.maps["T_block"][-1].mean(axis=0) - run.ambient_degC
+    assert rise[-1] / rise[0] == pytest.approx(1.45 / 0.55, rel=0.15)
+    assert np.all(np.diff(rise) > 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,69 +14,92 @@ import numpy as np
 from flashtemp.errors import BadInput, nearest
 from flashtemp.run import Run
 
-LINE, QUAD = 3, 9  # VTK cell types
+LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
 UNITS = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
+LARGE = 2e8  # bytes of a file that is no longer built in memory
 
 
-def bodies(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
-    """Block and road: x edges, z edges (m), cell indices (nx, nz) from low to high z, conductivity."""
-    mesh = run.mesh
+@dataclass(frozen=True)
+class Body:
+    """Block or road as a tensor grid: edges `x`, `y`, `z` in m, `cells` (nx, ny, nz) of the run's field, conductivity.
+
+    In 2D there is no y and ny = 1.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    cells: np.ndarray
+    k: float
+
+    def heat_flux(self, T: np.ndarray) -> np.ndarray:
+        """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, ny, nz)."""
+        out = np.zeros((*T.shape, 3), dtype=np.float32)
+        for axis, edges in enumerate((self.x, self.y, self.z)):
+            if T.shape[axis] > 1:
+                out[..., axis] = -self.k * np.gradient(T, 0.5 * (edges[1:] + edges[:-1]), axis=axis)
+        return out.reshape(-1, 3)
+
+
+def bodies(run: Run) -> dict[str, Body]:
+    """Block and road of a run."""
+    mesh, y = run.mesh, run.mesh.y if run.mesh.n_across > 1 else np.zeros(1)
     x_block = mesh.x[mesh.first : mesh.last + 1]
-    k = run.conductivity
-    return {
-        "block": (x_block, mesh.height, mesh.block, k[0]),
-        "road": (mesh.x, -mesh.depth[::-1], mesh.road, k[1]),
+    parts = {
+        "block": (x_block, mesh.height, mesh.block, run.conductivity[0]),
+        "road": (mesh.x, -mesh.depth[::-1], mesh.road, run.conductivity[1]),
     }
+    return {name: Body(x, y, z, np.swapaxes(mesh.everywhere(c), 1, 2), k) for name, (x, z, c, k) in parts.items()}
 
 
-def heat_flux(T: np.ndarray, x: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
-    """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, nz)."""
-    centre = [0.5 * (e[1:] + e[:-1]) for e in (x, z)]
-    gx, gz = (np.gradient(T, c, axis=a) if len(c) > 1 else np.zeros_like(T) for a, c in enumerate(centre))
-    return -k * np.stack([gx, np.zeros_like(gx), gz], axis=-1).reshape(-1, 3)
+def contact(run: Run, frame: int) -> dict[str, np.ndarray]:
+    """What ParaView plots on the contact, {name with unit: (cells,)}: temperatures, pressure, worn depth."""
+    names = {"T_block": "degC", "T_spot": "degC", "T_road": "degC", "pressure": "Pa", "worn": "m"}
+    if run.maps:
+        return {f"{name}_{unit}": run.maps[name][frame].ravel() for name, unit in names.items()}
+    return {f"{name}_{unit}": getattr(run, name)[run.frames[frame]] for name, unit in names.items()}
 
 
-def contact(run: Run) -> dict[str, np.ndarray]:
-    """What ParaView plots along the contact, {name with unit: (frames, lines)}: temperatures, pressure, worn depth."""
-    along = {
-        "T_block_degC": run.T_block, "T_spot_degC": run.T_spot, "T_road_degC": run.T_road,
-        "pressure_Pa": run.pressure, "worn_m": run.worn,
-    }  # fmt: skip
-    return {name: values[run.frames] for name, values in along.items()}
+def _grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Points (n, 3) in m, corners (cells, ...) and VTK type of a tensor grid of x, y, z, cells ordered (x, y, z).
 
-
-def _grid(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) in m and quads (cells, 4) of a tensor grid, cells ordered (x, z)."""
-    X, Z = np.meshgrid(x, z, indexing="ij")
-    points = np.stack([X, np.zeros_like(X), Z], axis=-1).reshape(-1, 3)
-    i, k = np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1), indexing="ij")
-    a = (i * len(z) + k).ravel()
-    return points, np.stack([a, a + len(z), a + len(z) + 1, a + 1], axis=-1)
-
-
-def _chain(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) in m and lines (cells, 2) along x at z = 0."""
-    first = np.arange(len(x) - 1)
-    return np.stack([x, 0 * x, 0 * x], axis=-1), np.stack([first, first + 1], axis=-1)
+    An axis with one edge has no extent: cells are then hexahedra, quads or lines.
+    """
+    points = np.stack(np.meshgrid(*edges, indexing="ij"), axis=-1).reshape(-1, 3)
+    shape = [len(e) for e in edges]
+    step = [shape[1] * shape[2], shape[2], 1]
+    index = np.meshgrid(*(np.arange(max(n - 1, 1)) for n in shape), indexing="ij")
+    first = sum(i * s for i, s in zip(index, step, strict=True)).ravel()
+    u, *rest = (s for s, n in zip(step, shape, strict=True) if n > 1)
+    corners = [0, u]
+    for v in rest:  # round each face, then the face beyond
+        corners = [*corners, u + v, v] if len(corners) == 2 else [*corners, *(c + v for c in corners)]
+    return points, first[:, None] + np.array(corners), {2: LINE, 4: QUAD, 8: HEXAHEDRON}[len(corners)]
 
 
 def write(run: Run, path: Path) -> None:
     """Write fields of a run as temporal VTKHDF (MultiBlock of UnstructuredGrid, format 2.1).
 
     Block and road, with cell data `T_degC` and `q_W_m2`, share one interface at z = 0; there lie the
-    line cells of `contact` under the block.  Lengths in m, time in s.  Case text and statistics travel
-    in the group "flashtemp" beside the data.
+    cells of `contact` under the block, lines in 2D.  Lengths in m, time in s.  Case text and statistics travel
+    in the group "flashtemp" beside the data.  Frames are written one by one.  Raises OSError where the disk is full.
     """
     times = run.time[run.frames]
-    with in_memory(path) as file:
+    size = run.mesh.n_cells * (16 * len(times) + 120)
+    if size > LARGE and shutil.disk_usage(path.parent).free < 1.05 * size:
+        raise OSError(errno.ENOSPC, f"{path.name} needs {size / 1e9:.1f} GB")
+    with h5py.File(path, "w") if size > LARGE else in_memory(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         _mark(root, "MultiBlockDataSet")
-        for name, (x, z, cells, k) in bodies(run).items():
-            T = run.field[:, cells]
-            q = np.stack([heat_flux(f, x, z, k) for f in T])
-            _leaf(root, name, *_grid(x, z), QUAD, times, {"T_degC": T.reshape(len(times), -1), "q_W_m2": q})
-        under = run.mesh.x[run.mesh.first : run.mesh.last + 1]
-        _leaf(root, "contact", *_chain(under), LINE, times, contact(run))
+        for name, body in bodies(run).items():
+            data = _leaf(root, name, *_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)})
+            for i in range(len(times)):
+                T = run.field[i][body.cells]
+                data(i, {"T_degC": T.ravel(), "q_W_m2": body.heat_flux(T)})
+        block = bodies(run)["block"]
+        data = _leaf(root, "contact", *_grid(block.x, block.y, np.zeros(1)), times, dict.fromkeys(contact(run, 0), ()))
+        for i in range(len(times)):
+            data(i, contact(run, i))
         steps = root.create_group("Steps")  # VTK 9.7 offers only the first time without it, 9.4 stumbles over it
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
@@ -88,8 +113,11 @@ def write(run: Run, path: Path) -> None:
             about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
 
 
-def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: dict[str, np.ndarray]) -> None:
-    """An unstructured grid of cells of one kind with cell data (times, cells, ...) at every time."""
+def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: dict[str, tuple]):
+    """An unstructured grid of cells of one kind, with room for cell data {name: shape of a value} at every time.
+
+    Returns write(frame, {name: (cells, ...)}).
+    """
     leaf = root.create_group(name)
     _mark(leaf, "UnstructuredGrid")
     n, corners = cells.shape
@@ -100,10 +128,16 @@ def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: di
     leaf["NumberOfPoints"] = np.array([len(points)], dtype=np.int64)
     leaf["NumberOfCells"] = np.array([n], dtype=np.int64)
     leaf["NumberOfConnectivityIds"] = np.array([corners * n], dtype=np.int64)
-    for key, values in data.items():
-        leaf[f"CellData/{key}"] = values.reshape(len(times) * n, *values.shape[2:]).astype(np.float32)
+    for key, shape in data.items():
+        leaf.create_dataset(f"CellData/{key}", (len(times) * n, *shape), np.float32)
         leaf[f"CellData/{key}"].attrs["units"] = UNITS[key.rsplit("_", 1)[1]]
     _steps(leaf, times, n, list(data))
+
+    def write(frame: int, values: dict[str, np.ndarray]) -> None:
+        for key, array in values.items():
+            leaf[f"CellData/{key}"][frame * n : (frame + 1) * n] = array
+
+    return write
 
 
 @contextmanager
@@ -161,13 +195,15 @@ def _parts(run: Run, frame: int) -> dict:
     import pyvista as pv
 
     out = {}
-    for name, (x, z, cells, _) in bodies(run).items():
-        out[name] = pv.RectilinearGrid(x, np.zeros(1), z)
-        out[name].cell_data["T_degC"] = run.field[frame][cells].T.ravel()
-    points, lines = _chain(run.mesh.x[run.mesh.first : run.mesh.last + 1])
-    out["contact"] = pv.PolyData(points, lines=np.insert(lines, 0, 2, axis=1).ravel())
-    for key, values in contact(run).items():
-        out["contact"].cell_data[key] = values[frame]
+    for name, body in bodies(run).items():
+        out[name] = pv.RectilinearGrid(body.x, body.y, body.z)
+        out[name].cell_data["T_degC"] = run.field[frame][body.cells].T.ravel()
+    block = bodies(run)["block"]
+    points, corners, kind = _grid(block.x, block.y, np.zeros(1))
+    cells = np.insert(corners, 0, corners.shape[1], axis=1).ravel()
+    out["contact"] = pv.PolyData(points, **{"lines" if kind == LINE else "faces": cells})
+    for key, values in contact(run, frame).items():
+        out["contact"].cell_data[key] = values
     return out
 
 

@@ -59,6 +59,11 @@ class Run:
         """Line centres behind the block, m from the leading edge."""
         return self.mesh.x_centre[self.mesh.last :]
 
+    def section(self, frame: int, plane: int | None = None) -> np.ndarray:
+        """Temperatures (n_plane,) degC of a frame in one plane (x, z), the one in the middle if none is given."""
+        cells, n = self.mesh.planes(self.field[frame]), self.mesh.n_across
+        return cells[:, (n - 1) // 2 : n // 2 + 1].mean(axis=1) if plane is None else cells[:, plane]
+
     @cached_property
     def last(self) -> int:
         """Index of the end of the last repetition of sliding."""
@@ -164,12 +169,22 @@ class Run:
             "sliding": ("time", self.sliding.astype(np.int8), {"units": "1", "long_name": "1 while sliding"}),
             "friction": ("time", self.friction, {"units": "1", "long_name": "load-weighted friction coefficient"}),
         }
+        about = {name: data[name][2] for name in ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")}
+        for name, values in self.maps.items():
+            place = "x_wake" if name == "T_wake" else "x"
+            words = about[name] | {"long_name": about[name]["long_name"].removesuffix(", averaged across y")}
+            data[f"{name}_map"] = (("time_map", place, "y"), values, words)
         for name, values in self.energy.items():
             unit = "1" if name == "share" else "J/m"
             data[f"energy_{name}"] = ("time", values, {"units": unit, "long_name": f"ledger: {name}"})
+        across = {
+            "time_map": ("time_map", self.time[self.frames], {"units": "s", "long_name": "time of the maps"}),
+            "y": ("y", self.mesh.y_centre, {"units": "m", "long_name": "distance from the centre line"}),
+        }
         return xr.Dataset(
             data,
-            coords={
+            coords=(across if self.maps else {})
+            | {
                 "time": ("time", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
                 "x": ("x", self.x, {"units": "m", "long_name": "distance from the leading edge"}),
                 "x_wake": ("x_wake", self.x_wake, {"units": "m", "long_name": "place behind the block"}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,12 @@ from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
 from flashtemp.balance import Balance
-from flashtemp.camera.operator import wall_cooling
+from flashtemp.camera.operator import observe, wall_cooling
+from flashtemp.camera.recording import Recording
+from flashtemp.case import assemble, build, settings
 from flashtemp.effect import Factor, Heat
+from flashtemp.keys import Places
+from flashtemp.march import march
 from flashtemp.meshes import block_on_road
 from flashtemp.stage import Stage
 
@@ -35,11 +40,11 @@ def test_width_without_anything_across_is_2d(lab):
     assert wide.friction == pytest.approx(flat.friction, rel=1e-9)
 
 
-@pytest.mark.parametrize("first", [None, 1e-3])
+@pytest.mark.parametrize("first", [None, 1.4e-3])
 def test_cosine_across_decays_by_conduction_and_order(lab, first):
     """An insulated block at cos(2 pi y/W): exp(-D (2 pi/W)^2 t), with even cells and with fine ones at the walls."""
     errors, time, k = [], 30.0, 2 * np.pi / W
-    for refine in (1, 2, 4):
+    for refine in (1, 2, 4) if first is None else (4, 8):  # graded cells come later to their order
         sized = block_on_road.build(0.1, 0.1, 0.1, width=W, across=12, first_y=first, refine_y=refine)
         mesh = replace(lab.column(3, 0.004, 1e-3), y=sized.y)
         edges = np.sin(k * mesh.y) / k
@@ -103,9 +108,9 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
     z = 0.5 * (mesh.height[1:] + mesh.height[:-1])
     wall, mean = middle[:, 0] / (1 + 20.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity), middle @ mesh.share
     guess = wall_cooling(lab.scene(lab.column(3, 0.007, 1e-3)), np.array([20.0]), z, np.array([wide.time[-1]]))[0]
-    seen = (z > 3e-4) & (z < 6e-3)
+    seen = (z > 1e-3) & (z < 6e-3)
     assert (wall / mean)[seen].max() < 0.995
-    lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.2)
+    lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.12)
 
 
 def test_profiles_are_means_of_maps(lab):
@@ -129,3 +134,33 @@ def test_a_fixed_block_does_not_lean(lab):
     rise = run.maps["T_block"][-1].mean(axis=0) - run.ambient_degC
     assert rise[-1] / rise[0] == pytest.approx(1.45 / 0.55, rel=0.15)
     assert np.all(np.diff(rise) > 0)
+
+
+def test_camera_sees_the_wall_and_the_width(lab):
+    """A block that leans to y > 0: the camera at y < 0 sees the colder wall, and a wake that rises across."""
+    given = SMALL | {"schedule__distance": 0.3, "numerics__behind": 1.1}
+    made = assemble({}, {k.replace("__", "."): v for k, v in given.items()} | {
+        "numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.5}, Places("none"), Path(), "seen")  # fmt: skip
+    scene = build(made)
+    run = march(scene, settings(made))
+    mesh = run.mesh
+    end = np.array([run.time[-1]])
+    u, v = (np.arange(10) + 0.5) * 2e-3, (np.arange(12) + 0.5) * 3e-4
+    wall = observe(run, scene, seen("sidewall", end, u, v)).temperature[0]
+    z = 0.5 * (mesh.height[1:] + mesh.height[:-1])
+    cells = mesh.planes(run.field[-1].astype(float))[mesh.block][..., 0]
+    expected = np.array([np.interp(v, z, row) for row in np.array([np.interp(u, run.x, c) for c in cells.T]).T]).T
+    lab.check("side wall seen in 3D, K", np.abs(wall - expected)[1:-1, 1:-1].max(), 0.4)
+    x, y = 0.026 + np.arange(6) * 1e-3, (np.arange(15) - 7) * 1.2e-3
+    wake = observe(run, scene, seen("wake", end, x, y)).temperature[0]
+    assert np.all(np.diff(wake[1:-1, 2]) > 0)
+    low, high = (np.interp(x[2], run.x_wake, run.maps["T_wake"][-1][:, j]) for j in (0, -1))
+    assert low < wake[1, 2] < wake[-2, 2] < high
+
+
+def seen(view, time, u, v):
+    """A sharp camera without noise."""
+    return Recording(
+        view=view, temperature=np.zeros((len(time), len(v), len(u))), time=time, repetition=np.ones(len(time), int),
+        u=u, v=v, emissivity=0.95,
+    )  # fmt: skip

@@ -9,6 +9,7 @@ from pathlib import Path
 PICTURES = {
     "profile": "profile", "film": "map", "field": "field", "friction": "friction", "budget": "budget",
     "maps": "run_in", "worn": "worn",
+    "width": "width",
 }  # fmt: skip
 
 

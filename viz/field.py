@@ -26,16 +26,17 @@ def draw(run) -> Figure:
     """
     frames = moments(run)
     shown = min(ROAD_SHOWN, float(run.mesh.depth[-1]))
-    near = _near(run, run.field[min(frames)])
+    cells = {frame: run.section(frame) for frame in frames}
+    near = _near(run, cells[min(frames)])
     width = theme.WIDE if len(frames) > 1 else theme.NARROW
     ratio = (run.mesh.height[-1] + shown) / float(np.ptp(run.mesh.x))
     tall = float(np.clip(1.1 * (width - 1.1) / len(frames) * ratio, 0.4, 4.0))
     fig = theme.figure(run, width, 3.1 + tall)
     axes = fig.subplots(2, len(frames), squeeze=False, sharex=True, sharey="row", height_ratios=[tall, 1.7])
-    norm = theme.temperature_norm(run.field[list(frames)], run.ambient_degC)
+    norm = theme.temperature_norm(*cells.values(), run.ambient_degC)
     for (above, below), (frame, words) in zip(axes.T, frames.items(), strict=True):
-        _bodies(above, run, run.field[frame], norm, run.mesh.height[-1], shown)
-        picture = _bodies(below, run, run.field[frame], norm, *near)
+        _bodies(above, run, cells[frame], norm, run.mesh.height[-1], shown)
+        picture = _bodies(below, run, cells[frame], norm, *near)
         above.set_title(words)
         below.set_xlabel("x from leading edge (mm)")
     axes[0, 0].set(ylabel="z (mm)", xlim=1e3 * run.mesh.x[[0, -1]])
@@ -125,7 +126,8 @@ def _stretch(ax, block: float, road: float) -> None:
 def _caption(run, shown: float) -> str:
     deep = float(run.mesh.depth[-1])
     crop = f", with {1e3 * shown:.3g} mm of the {1e3 * deep:.3g} mm deep road" if deep > shown else ""
+    middle = " In the middle of the width." if run.mesh.n_across > 1 else ""
     return (
-        f"Block z > 0, road z < 0 (mean of the lanes). Above to scale{crop}; "
+        f"Block z > 0, road z < 0 (mean of the lanes).{middle} Above to scale{crop}; "
         "below the layers next to the contact, with different scales of z in block and road."
     )

@@ -18,9 +18,9 @@ NAMED = 0.85  # the wake is named where it takes more than the rest of the axis
 
 
 def side_wall(run, frame: int) -> np.ndarray:
-    """Block temperature (ROWS, COLUMNS) over z and x; in 2D the side wall is the section of the block."""
+    """Block temperature (ROWS, COLUMNS) over z and x next to the side wall y < 0; in 2D the section of the block."""
     mesh = run.mesh
-    T = between(run.field[frame][mesh.block], run.x, _pixels(0.0, mesh.x[mesh.last], COLUMNS))
+    T = between(run.section(frame, 0)[mesh.block], run.x, _pixels(0.0, mesh.x[mesh.last], COLUMNS))
     return between(T.T, centres(mesh.height), _pixels(0.0, mesh.height[-1], ROWS))
 
 
@@ -41,8 +41,8 @@ def wake(run, frame: int) -> np.ndarray:
 
 
 def surface(run, frame: int) -> np.ndarray:
-    """Road surface cells behind the block (lines,) in degC."""
-    return run.field[frame][run.mesh.road[run.mesh.last :, -1]]
+    """Road surface cells behind the middle of the block (lines,) in degC."""
+    return run.section(frame)[run.mesh.road[run.mesh.last :, -1]]
 
 
 def has_wake(run) -> bool:
@@ -52,7 +52,7 @@ def has_wake(run) -> bool:
 
 def extremes(run, frames) -> np.ndarray:
     """Lowest and highest temperature (degC) that the three views of these frames show."""
-    seen = [run.field[frames][:, run.mesh.block]]
+    seen = [run.section(i, 0)[run.mesh.block] for i in frames]
     seen.append(np.where(run.pressure[run.frames[frames]] > 0, run.T_spot[run.frames[frames]], np.nan))
     seen.extend(surface(run, i) for i in frames)
     flat = np.concatenate([np.ravel(v) for v in seen])

@@ -114,7 +114,7 @@ def wall_cooling(scene: Scene, films: np.ndarray, z: np.ndarray, since: np.ndarr
 
 def _films(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Heat-transfer coefficient (frames,) W/m2K of the block's walls."""
-    films = Laws(scene).films.get("block.leading", [])
+    films = Laws(scene).films.get("block.sides" if scene.resolved else "block.leading", [])
     out = np.zeros(len(times))
     for i, t in enumerate(times):
         phase = scene.schedule.phase(t)
@@ -188,16 +188,25 @@ def _body(run, scene, recording, times):
     if recording.view == "wake":
         behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
         half = 0.5 * scene.width
+        if scene.resolved:
+            T = _ends(_ends(between(run.maps["T_wake"].astype(float), run.time[run.frames], times), 1), 2)
+            return np.swapaxes(T, 1, 2), behind, np.concatenate([[-half], mesh.y_centre, [half]])
         T = _ends(between(run.T_wake, run.time, times), 1)[:, None]
         return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
     height = mesh.height
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
     kept = run.time[run.frames]
-    cells = between(run.field[:, mesh.block].astype(float), kept, times)
-    face = between(run.T_block[run.frames], kept, times)
+    near = mesh.everywhere(mesh.block)[..., 0]  # x to the right and z up: the camera sees the wall at y = -W/2
+    cells = between(run.field[:, near].astype(float), kept, times)
+    face = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
+    face = between(face.astype(float), kept, times)
     section = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2)
-    air = scene.ambient - KELVIN
-    factor = wall_cooling(scene, _films(scene, times), z, times)
+    air, films = scene.ambient - KELVIN, _films(scene, times)
+    if scene.resolved:  # from the cell's centre to its wall
+        half = 0.5 * (mesh.y[1] - mesh.y[0]) / scene.block.conductivity
+        factor = 1.0 / (1.0 + films[:, None] * half * (z > 0.0))
+    else:
+        factor = wall_cooling(scene, films, z, times)
     wall = np.swapaxes(air + (_smooth_ends(section, x, 1) - air) * factor[:, None], 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)

@@ -1,0 +1,74 @@
+"""What the width does: contact and wake seen from above, the pressure, and the block at its wall and in its middle."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.mesh import centres
+from flashtemp.tables import between
+from flashtemp.viz import theme
+from flashtemp.viz.views import COLUMNS, ROWS, has_wake
+
+PRESSURE = "cividis"
+
+
+def applies(run) -> bool:
+    """Whether the run has cells across."""
+    return run.mesh.n_across > 1
+
+
+@theme.styled
+def draw(run) -> Figure:
+    """Maps at the end of the last sliding: contact and wake from above, pressure, wall y < 0, middle (degC, mm)."""
+    mesh = run.mesh
+    frame = int(np.argmin(np.abs(run.frames - run.last)))
+    y, z = 1e3 * mesh.y[[0, -1]], 1e3 * mesh.height[[0, -1]]
+    L, far = 1e3 * mesh.x[mesh.last], 1e3 * mesh.x[-1]
+    contact = np.where(run.maps["pressure"][frame] > 0, run.maps["T_spot"][frame], np.nan)
+    top = _even(contact, run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]])
+    behind = _even(run.maps["T_wake"][frame], run.x_wake, mesh.y_centre, mesh.x[[mesh.last, -1]], mesh.y[[0, -1]])
+    up = centres(mesh.height)
+    sides = [
+        _even(cells[mesh.block], run.x, up, (0.0, mesh.x[mesh.last]), mesh.height[[0, -1]])
+        for cells in (run.section(frame, 0), run.section(frame))
+    ]
+    press = _even(run.maps["pressure"][frame], run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]])
+    wide, deep = float(np.clip(4.2 * np.ptp(y) / far, 0.9, 3.2)), float(np.clip(4.2 * z[1] / far, 0.6, 1.6))
+    fig = theme.figure(run, theme.WIDE, 1.9 + wide + 2 * deep)
+    grid = fig.add_gridspec(3, 2, height_ratios=[wide, deep, deep], width_ratios=[far / L, 0.75])
+    norm = theme.temperature_norm(top, behind if has_wake(run) else top, *sides)
+    style = {"cmap": theme.temperature_map(), "norm": norm, "origin": "lower", "aspect": "auto"}
+    above, pressed = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
+    picture = above.imshow(top, extent=(0.0, L, *y), **style)
+    if has_wake(run):
+        above.imshow(behind, extent=(L, far, *y), **style)
+        above.axvline(L, color="white", lw=1.0)
+        above.text(far, y[1], "wake ", ha="right", va="top", color="white", fontsize=7.5)
+    above.set(xlim=(0.0, far), ylim=y, ylabel="y (mm)", title="contact seen from above: spots, and road behind")
+    force = pressed.imshow(
+        1e-3 * press, extent=(0.0, L, *y), cmap=PRESSURE, origin="lower", aspect="auto",
+        norm=theme.temperature_norm(1e-3 * press),
+    )  # fmt: skip
+    pressed.set(title="nominal contact pressure")
+    walls = [fig.add_subplot(grid[1 + i, 0], sharex=above) for i in range(2)]
+    for ax, values, words in zip(walls, sides, ("at the side wall y < 0", "in the middle of the width"), strict=True):
+        ax.imshow(values, extent=(0.0, L, *z), **style)
+        ax.set(title=f"block {words}", xlim=(0.0, far), ylabel="z (mm)")
+    for ax in (pressed, walls[1]):
+        ax.set_xlabel("x from leading edge (mm)")
+    for ax in (above, pressed, *walls):
+        ax.spines[:].set_visible(False)
+    temperature = f"temperature ({theme.DEGREE})"
+    for image, axes, label in ((picture, [above, *walls], temperature), (force, [pressed], "pressure (kPa)")):
+        bar = fig.colorbar(image, ax=axes, label=label, pad=0.02, aspect=25)
+        bar.outline.set_linewidth(0.4)
+    t = theme.number(run.time[run.frames[frame]])
+    fig.supxlabel(f"At the end of sliding, t = {t} s.", x=0.01, ha="left", fontsize=7.0)
+    return fig
+
+
+def _even(values, x, v, x_ends, v_ends) -> np.ndarray:
+    """Values (len(x), len(v)) on even pixels (ROWS, COLUMNS), linear between cell centres."""
+    along = between(np.asarray(values, dtype=float), x, centres(np.linspace(*x_ends, COLUMNS + 1)))
+    return between(along.T, v, centres(np.linspace(*v_ends, ROWS + 1)))

@@ -19,8 +19,8 @@ app = App(
     version=__version__,
 )
 COMMANDS = (
-    simulate.run, simulate.check, simulate.converge, simulate.effects, questions.repetitions, questions.wait,
-    campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+    simulate.run, simulate.sweep, simulate.check, simulate.converge, simulate.effects,
+    questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)
@@ -39,7 +39,6 @@ def later(what: str):
 
 
 LATER = {
-    "sweep": "a case over several values of a key",
     "view": "interactive 3D view of a result",
 }
 for _name, _help in LATER.items():

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import signal
-import threading
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -22,6 +20,7 @@ from flashtemp.folders import partial
 from flashtemp.frames import Frames
 from flashtemp.march import Progress, march
 from flashtemp.run import Run
+from flashtemp.stopping import stoppable
 
 CHECKPOINT, FRAMES, LOCK = "checkpoint.h5", "frames.bin", ".lock"
 EVERY = 30.0  # s of wall time between checkpoints
@@ -116,7 +115,7 @@ def resume(
 
 
 def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
-    with _signals() as stopped:
+    with stoppable() as stopped:
         state = state or Progress(frames=Frames(work / FRAMES))
         box: dict[str, Progress] = {}
         try:
@@ -172,21 +171,6 @@ def _watcher(work, scene, watch, stopped=None, box=None):
         return stopped is not None and stopped.is_set()
 
     return hook
-
-
-@contextmanager
-def _signals():
-    """SIGINT and SIGTERM set a flag that the march sees after its current step."""
-    stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopped
-        return
-    old = {s: signal.signal(s, lambda *_: stopped.set()) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stopped
-    finally:
-        for s, handler in old.items():
-            signal.signal(s, handler)
 
 
 def save_checkpoint(work: Path, p: Progress) -> None:

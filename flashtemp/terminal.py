@@ -24,7 +24,14 @@ def tell(text: str) -> None:
 
 @contextmanager
 def progress_bar(label: str):
-    """Progress with time left on stderr; silent where stderr is no terminal."""
+    """Progress with time left on stderr, told watch(march, end); silent where stderr is no terminal."""
+    with counter(label) as bar:
+        yield lambda now, end: bar(now.t, end)
+
+
+@contextmanager
+def counter(label: str):
+    """Progress with time left on stderr, told watch(done, total); silent where stderr is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -40,11 +47,11 @@ def progress_bar(label: str):
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
         task, shown = bar.add_task(label, total=None), 0.0
 
-        def watch(now, end: float) -> None:
+        def watch(done: float, total: float) -> None:
             nonlocal shown
             if time.monotonic() - shown > 0.1:
                 shown = time.monotonic()
-                bar.update(task, completed=now.t, total=end)
+                bar.update(task, completed=done, total=total)
 
         yield watch
 

@@ -9,6 +9,9 @@ from typing import Any
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
 
+PATIENCE = 2  # times that processes may be killed one after the other without an answer between
+KILLED = "a worker process was killed, perhaps for memory; give fewer --workers"
+
 
 def attempt(function: Callable, task: Any) -> Any:
     """The function's answer, or the failure of the computation itself as an answer."""
@@ -46,9 +49,59 @@ def crew(function: Callable, workers: int | None = None, scheduler: str | None =
             try:
                 return list(pool.map(partial(attempt, function), tasks))
             except BrokenProcessPool as fault:
-                raise SolverFailure("a worker process was killed, perhaps for memory; give fewer --workers") from fault
+                raise SolverFailure(KILLED) from fault
 
         yield run
+
+
+def stream(
+    function: Callable, tasks: list, workers: int | None = None, scheduler: str | None = None
+) -> Iterator[tuple[int, Any]]:
+    """(number of the task, its answer) of every task, once, as they come.
+
+    Tasks of a process that is killed are given out again.  Raises like `crew`; SolverFailure when processes are
+    killed and no answer comes between.
+    """
+    if scheduler is not None:
+        yield from _from_cluster(function, tasks, scheduler)
+        return
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers: {workers}; give at least 1")
+    count = min(workers or os.cpu_count() or 1, len(tasks))
+    if count <= 1:
+        for k, task in enumerate(tasks):
+            yield k, attempt(function, task)
+        return
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
+    left, killed = set(range(len(tasks))), 0
+    while left:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet) as pool:
+            asked = {pool.submit(attempt, function, tasks[k]): k for k in sorted(left)}
+            try:
+                for future in as_completed(asked):
+                    answer = future.result()
+                    left.discard(asked[future])
+                    killed = 0
+                    yield asked[future], answer
+            except BrokenProcessPool as fault:
+                killed += 1
+                if killed > PATIENCE:
+                    raise SolverFailure(KILLED) from fault
+            except (GeneratorExit, KeyboardInterrupt):
+                pool.shutdown(cancel_futures=True)  # what runs is finished, nothing else begun
+                raise
+
+
+def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[tuple[int, Any]]:
+    with _client(scheduler) as client:
+        from dask.distributed import as_completed
+
+        asked = {client.submit(attempt, function, t, pure=False): k for k, t in enumerate(tasks)}
+        for future in as_completed(list(asked)):
+            yield asked[future], future.result()
 
 
 def _quiet() -> None:
@@ -62,6 +115,12 @@ def _quiet() -> None:
 
 @contextmanager
 def _cluster(function: Callable, address: str) -> Iterator[Callable]:
+    with _client(address) as client:
+        yield lambda tasks: client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])
+
+
+def _client(address: str):
+    """A connection to a running Dask scheduler; BadInput when there is none."""
     try:
         from dask.distributed import Client
     except ImportError as fault:
@@ -70,5 +129,4 @@ def _cluster(function: Callable, address: str) -> Iterator[Callable]:
         client = Client(address, timeout=10)
     except (OSError, TimeoutError, ValueError) as fault:
         raise BadInput(f"--scheduler: {address}: no answer; give the address of a running Dask scheduler") from fault
-    with client:
-        yield lambda tasks: client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])
+    return client

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.case import assemble, build, load, settings
 from flashtemp.keys import Places
@@ -23,7 +23,7 @@ CASES = Path(__file__).parents[1] / "cases"
 FOLDERS = sorted(file.parent for file in CASES.glob("*/case.toml"))
 RUNS: dict[tuple[str, str], object] = {}
 
-READING = {"quantity", "at", "slid", "repetition", "with"}
+READING = {"quantity", "at", "slid", "repetition", "across", "with"}
 CONDITIONS = {"between", "reference", "trend", "flat_within", "peak_between", "exponent_between"}
 KEYS = READING | CONDITIONS | {"claim", "says", "over", "within", "sweep", "each", "minus", "per"}
 
@@ -108,6 +108,13 @@ def along(run, profile, at):
     return profile.max() if at == "max" else smooth(places(run), profile, at)
 
 
+def line(run, name, across):
+    """A profile (lines,) at the end, at y/W from the centre line."""
+    assert np.argmin(np.abs(run.frames - run.last)) == len(run.frames) - 1
+    T = CubicSpline(run.mesh.y_centre, run.maps["T_block"][-1].astype(float), axis=1)(across * run.width)
+    return {"rise_block": T - run.ambient_degC}[name]
+
+
 def places(run):
     """x/L of the lines under the block."""
     return run.x / run.mesh.x[run.mesh.last]
@@ -124,6 +131,8 @@ def read(run, reading):
     """One reading: its axis (None for a single number) and its values."""
     name, at, slid, repetition = (reading.get(k) for k in ("quantity", "at", "slid", "repetition"))
     axis = next((v for v in (at, slid, repetition) if isinstance(v, list)), None)
+    if "across" in reading:
+        return axis, along(run, line(run, name, reading["across"]), at)
     if name in PROFILES:
         values = in_time(run, PROFILES[name](run), slid, repetition)
         if at is None:

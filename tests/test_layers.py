@@ -17,7 +17,7 @@ import flashtemp
 ROOT = Path(__file__).parents[1]
 LAYERS = [  # from the bottom; a module imports from its own layer or one before it
     ["errors"],
-    ["folders", "workers", "gram"],
+    ["folders", "stopping", "workers", "gram"],
     ["tables", "mesh", "material", "schedule", "effect"],
     ["effects", "meshes", "scene"],
     ["generic"],
@@ -42,7 +42,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["conclude"],
     ["page"],
     ["report", "findings"],
-    ["export", "job", "verify", "exact", "decay", "settling", "waiting"],
+    ["export", "job", "verify", "exact", "decay", "settling", "waiting", "sweep"],
     ["viz"],
     ["terminal"],
     ["commands"],

@@ -117,7 +117,9 @@ def test_profiles_are_means_of_maps(lab):
     run = lab.case(**SMALL, **ROLLED, numerics__across=20)
     assert np.ptp(run.maps["T_block"][-1], axis=1).max() > 1.0
     for name in ("T_block", "T_spot", "T_road", "pressure", "worn"):
-        np.testing.assert_allclose(run.maps[name] @ run.mesh.share, getattr(run, name)[run.frames], rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(
+            run.maps[name] @ run.mesh.share, getattr(run, name)[run.frames], rtol=1e-5, atol=1e-4
+        )
     load = run.maps["pressure"][-1] @ run.mesh.share @ run.mesh.dx_block / run.mesh.dx_block.sum()
     assert load == pytest.approx(1.5e5, rel=1e-6)
 

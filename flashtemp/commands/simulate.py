@@ -1,4 +1,4 @@
-"""Commands on one case: run, check, converge; and the catalogue of effects."""
+"""Commands on one case: run, sweep, check, converge; and the catalogue of effects."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from flashtemp.errors import BadInput
 from flashtemp.folders import free_name
-from flashtemp.terminal import DONE, Json, Switch, emit, progress_bar, tell
+from flashtemp.terminal import DONE, FAILED, Json, Switch, counter, emit, progress_bar, tell
 
 
 def run(
@@ -56,6 +56,48 @@ def run(
             result = job.simulate(loaded, folder, overwrite, pvd, watch, say)
     emit(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return DONE
+
+
+def sweep(
+    case: str,
+    /,
+    *values: str,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    json: Json = False,
+) -> int:
+    """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
+
+    The same command again goes on where an interrupted sweep stopped.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file.
+    values
+        What is swept, as table.key=v1,v2,...; keys with one value are overrides.
+    out
+        Result folder; results/CASE-sweep when not given.
+    workers
+        Processes that share the runs; as many as there are cores when not given.
+    scheduler
+        Address of a running Dask scheduler whose workers share them instead.
+    """
+    from flashtemp import sweep as sweeps
+    from flashtemp.viz import sweep as picture
+
+    asked = sweeps.plan(case, list(values))
+    out = out or Path("results") / f"{asked.case.name}-sweep"
+    with counter(asked.case.name) as watch, sweeps.folder(out, asked) as work:
+        found, failed = sweeps.carry_out(asked, work, workers, scheduler, watch)
+        sweeps.save(asked, found, failed, work)
+        picture.draw(found).savefig(work / "sweep.png")
+    says = sweeps.says(asked, found, failed)
+    emit(
+        {"out": str(out), "failed": list(failed.values()), **sweeps.table(found)}, json, f"{says}\n  results in {out}/"
+    )
+    return FAILED if failed else DONE
 
 
 def check(file: Path, /, *overrides: str, json: Json = False) -> int:

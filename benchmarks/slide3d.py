@@ -1,0 +1,154 @@
+"""slide-3d at 1.0e6 cells: flashtemp with both bindings, error against its reference, cost against size.
+
+    python benchmarks/slide3d.py                    1.0e6 cells, both bindings
+    python benchmarks/slide3d.py --sizes            cost from 1e4 to 4e6 cells
+    python benchmarks/slide3d.py --bandwidth        what memory allows
+    python benchmarks/slide3d.py --reference        make tests/data/slide3d_reference.json anew (some minutes)
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from flashtemp.case import build, load, settings
+from flashtemp.cvode import available
+from flashtemp.march import march
+
+CASE = Path(__file__).parent.parent / "cases" / "slide3d"
+REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "slide3d_reference.json"
+X = (np.arange(50) + 0.5) * 0.025 / 50
+Y = np.array([0.0, 0.003125, 0.00625, 0.009375, 0.012375])
+MILLION = {  # 10,000 cells in a plane, as the peers had
+    "numerics.cells": [71, 31, 90], "numerics.across": 100, "numerics.first_x": 6e-5, "numerics.last_x": 1.5e-4,
+    "numerics.first_block": 1e-5, "numerics.first_road": 1e-5, "output.fields": 2, "output.profiles": 4,
+}  # fmt: skip
+
+
+def rises(run) -> np.ndarray:
+    """Rise (len(Y), len(X)) K of the block's surface at the end."""
+    T = run.maps["T_block"][-1].astype(float) - run.ambient_degC
+    across = CubicSpline(run.mesh.y_centre, T, axis=1)(Y)
+    return np.array([PchipInterpolator(run.x, column, extrapolate=True)(X) for column in across.T])
+
+
+def go(change: dict):
+    """Run, and CPU seconds of its march."""
+    case = load(CASE, change)
+    scene, numerics = build(case), settings(case)
+    began = time.process_time()
+    run = march(scene, replace(numerics, fields=2))
+    return run, time.process_time() - began
+
+
+def reference() -> None:
+    """Richardson from meshes 0.5, 1 and 2 (2.6e6 cells), rtol 1e-5."""
+    base = {"output.fields": 2, "output.profiles": 4, "numerics.rtol": 1e-5, "numerics.order": 5}
+    found = []
+    for level in (0.5, 1.0, 2.0):
+        run, seconds = go(base | {"numerics.mesh": level})
+        found.append(rises(run))
+        print(f"mesh {level:g}: {run.mesh.n_cells} cells, {run.statistics['steps']} steps, {seconds:.0f} s", flush=True)
+    order = np.log2(np.abs(found[1] - found[0]).max() / np.abs(found[2] - found[1]).max())
+    best = found[2] + (found[2] - found[1]) / 3
+    left = 100 * np.abs(best - found[2]).max() / best.max()
+    print(f"observed order {order:.2f}; finest mesh within {left:.3f} % of the extrapolated rise")
+    out = {"x": X.tolist(), "y": Y.tolist(), "T_R_rise": best.round(6).tolist(), "order": round(float(order), 3)}
+    REFERENCE.write_text(json.dumps(out | {"finest_percent": round(float(left), 4)}, indent=1) + "\n")
+
+
+def error(run) -> float:
+    """Largest error of the block's surface in per cent of its largest rise."""
+    told = np.array(json.loads(REFERENCE.read_text())["T_R_rise"])
+    return float(100 * np.abs(rises(run) - told).max() / told.max())
+
+
+def million(repeat: int) -> None:
+    go(MILLION | {"numerics.mesh": 0.2})  # compile
+    print("binding             cells  steps   rhs   J v     P  error %   CPU s")
+    for binding in available():
+        spent = []
+        for _ in range(repeat):
+            run, seconds = go(MILLION | {"numerics.integrator": binding})
+            spent.append(seconds)
+        s = run.statistics
+        counts = (s["rhs_evaluations"], s["jacobian_products"], s["preconditioner_solves"])
+        print(
+            f"{binding:15s} {run.mesh.n_cells:9d} {s['steps']:6d} {counts[0]:5d} {counts[1]:5d} {counts[2]:5d} "
+            f"{error(run):8.3f} {np.median(spent):7.2f}   {min(spent):.2f} to {max(spent):.2f}",
+            flush=True,
+        )
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / run.mesh.n_cells:.0f} B per cell")
+
+
+def sizes() -> None:
+    go(MILLION | {"numerics.mesh": 0.2})
+    rows = []
+    for level in (0.215, 0.34, 0.54, 0.8, 1.0, 1.26, 1.59):
+        run, seconds = go(MILLION | {"numerics.mesh": level})
+        rows.append((run.mesh.n_cells, seconds))
+        per = 1e6 * seconds / run.mesh.n_cells / run.statistics["steps"]
+        print(f"{run.mesh.n_cells:9d} cells {run.statistics['steps']:4d} steps {seconds:7.2f} s  "
+              f"{per:.4f} us per cell and step", flush=True)  # fmt: skip
+    cells, spent = np.log(np.array(rows)).T
+    print(f"cost grows as cells^{np.polyfit(cells, spent, 1)[0]:.2f}")
+
+
+def bandwidth() -> None:
+    """Time of one pass over memory, beside one product and one solve of the preconditioner."""
+    from flashtemp.balance import Balance
+    from flashtemp.stage import Stage
+
+    scene = build(load(CASE, MILLION))
+    balance = Balance(scene)
+    stage, n = Stage(balance, scene.schedule.phases[0]), balance.size
+    y, out = np.zeros(n), np.zeros(n)
+    stage.setup(1.0, y, 0.05)
+    r = np.random.default_rng(0).normal(size=n)
+
+    def best(what, times=7) -> float:
+        spent = []
+        for _ in range(times):
+            began = time.perf_counter()
+            what()
+            spent.append(time.perf_counter() - began)
+        return min(spent)
+
+    copy = best(lambda: np.copyto(out, r))
+    rate = 16 * n / copy
+    print(f"{n} unknowns; copy {1e3 * copy:.2f} ms, {rate / 1e9:.1f} GB/s read and written")
+    for name, what in (
+        ("rate", lambda: stage.rate(1.0, r, out)),
+        ("J v", lambda: stage.times(r, out)),
+        ("P^-1 r", lambda: stage.solve(r, out)),
+        ("set-up", lambda: stage.setup(1.0, r, 0.05)),
+    ):
+        took = best(what)
+        print(f"{name:8s} {1e3 * took:7.2f} ms, {took / copy:5.1f} copies, {1e9 * took / n:.2f} ns per cell")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("sizes", "bandwidth", "reference"):
+        parser.add_argument(f"--{name}", action="store_true")
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    if options.reference:
+        reference()
+    elif options.sizes:
+        sizes()
+    elif options.bandwidth:
+        bandwidth()
+    else:
+        million(options.repeat)
+
+
+if __name__ == "__main__":
+    main()

@@ -60,8 +60,7 @@ def main(argv: list[str] | None = None) -> int:
         tell("flashtemp: " + " ".join(str(fault).split()) + " See flashtemp --help.")
         return BAD
     except Interrupted as fault:
-        folder = str(fault.path).removesuffix(".partial")
-        tell(f"{fault}; go on with: flashtemp run --resume {folder}")
+        tell(str(fault))
         return STOPPED
     except KeyboardInterrupt:
         tell("interrupted")

@@ -28,10 +28,10 @@ class SolverFailure(FlashtempError):
 
 
 class Interrupted(FlashtempError):
-    """The user stopped the run; a checkpoint has been left in `path`."""
+    """The user stopped the work; what goes on from it is left in `path`, and `how` to."""
 
-    def __init__(self, path):
-        super().__init__(f"interrupted; checkpoint left in {path}")
+    def __init__(self, path, how: str):
+        super().__init__(f"interrupted; checkpoint left in {path}; go on with: {how}")
         self.path = path
 
 

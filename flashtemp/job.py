@@ -122,7 +122,7 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
             run = march(scene, numerics, case.title, state, _watcher(work, scene, watch, stopped, box))
         except KeyboardInterrupt:
             save_checkpoint(work, box["progress"])
-            raise Interrupted(work) from None
+            raise Interrupted(work, f"flashtemp run --resume {out}") from None
         text = (work / "case.toml").read_text(encoding="utf-8")
         run = replace(run, case_text=text, statistics=run.statistics | {"versions": versions(numerics.binding)})
         run.save(work)

@@ -17,7 +17,7 @@ import numpy as np
 
 from flashtemp import case as cases
 from flashtemp import keys
-from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.folders import partial
 from flashtemp.march import march
 from flashtemp.stopping import stoppable
@@ -134,7 +134,7 @@ def carry_out(
                 _keep(files[todo[k]], answer)
             watch(len(files) - len(todo) + n, len(files))
             if stopped.is_set() and n < len(todo):
-                raise KeyboardInterrupt
+                raise Interrupted(work, "the same command")
     return _gather(sweep, files), failed
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError
 
 from flashtemp import __version__
 from flashtemp.commands import camera, campaigns, questions, simulate
@@ -19,30 +18,12 @@ app = App(
     version=__version__,
 )
 COMMANDS = (
-    simulate.run, simulate.sweep, simulate.check, simulate.converge, simulate.effects,
+    simulate.run, simulate.sweep, simulate.view, simulate.check, simulate.converge, simulate.effects,
     questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)
 app.command(camera.import_, name="import")
-
-
-def later(what: str):
-    """A command of the contract whose work is still to come: says so and ends with exit code 2."""
-
-    def command(
-        *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
-    ) -> int:
-        raise BadInput(f"{what}: this version of flashtemp cannot do it yet; flashtemp --help lists what works")
-
-    return command
-
-
-LATER = {
-    "view": "interactive 3D view of a result",
-}
-for _name, _help in LATER.items():
-    app.command(later(_name), name=_name, help=f"Not in this version yet: {_help}.")
 
 
 def main(argv: list[str] | None = None) -> int:

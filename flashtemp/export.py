@@ -239,6 +239,24 @@ class Fields:
             n = int(leaf["NumberOfCells"][0])
             return data[name][k * n : (k + 1) * n]
 
+    def tensor(self, body: str, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the kept time nearest to t."""
+        with h5py.File(self.path) as file:
+            edges = [np.unique(axis) for axis in file["VTKHDF"][body]["Points"][:].T]
+        return *edges, self.T(body, t).reshape([max(len(e) - 1, 1) for e in edges])
+
+    @property
+    def case(self) -> str:
+        """The case that was run, as TOML."""
+        with h5py.File(self.path) as file:
+            return str(file["flashtemp"].attrs["case"])
+
+    @property
+    def title(self) -> str:
+        """The title of the run."""
+        with h5py.File(self.path) as file:
+            return str(file["flashtemp"].attrs["title"])
+
     def _nearest(self, t: float) -> int:
         return int(np.argmin(np.abs(self.times - t)))
 

@@ -1,4 +1,4 @@
-"""Commands on one case: run, sweep, check, converge; and the catalogue of effects."""
+"""Commands on one case: run, sweep, view, check, converge; and the catalogue of effects."""
 
 from __future__ import annotations
 
@@ -98,6 +98,43 @@ def sweep(
         {"out": str(out), "failed": list(failed.values()), **sweeps.table(found)}, json, f"{says}\n  results in {out}/"
     )
     return FAILED if failed else DONE
+
+
+def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None = None, json: Json = False) -> int:
+    """Block and road in space with their temperature, cut open; a slider shows the kept times.
+
+    Parameters
+    ----------
+    folder
+        A result folder of run.
+    screenshot
+        Draw into this PNG file instead of a window; needs no screen.
+    time
+        Moment to begin with, in s; the last one when not given.
+    """
+    from flashtemp.export import open_fields
+    from flashtemp.viz import window
+
+    fields = open_fields(folder)
+    t = float(fields.times[-1]) if time is None else time
+    if not fields.times[0] <= t <= fields.times[-1]:
+        raise BadInput(f"--time: {t:g} s; give a moment from {fields.times[0]:g} to {fields.times[-1]:g} s")
+    if screenshot is not None and (screenshot.suffix != ".png" or not screenshot.absolute().parent.is_dir()):
+        raise BadInput(f"--screenshot: {screenshot}; give a .png file in a folder that exists")
+    if screenshot is None and not window.on_screen():
+        raise BadInput("view: there is no screen here; draw into a file with --screenshot FILE.png")
+    able = window.off_screen() if screenshot is not None else True
+    from flashtemp.viz import space
+
+    if screenshot is None:
+        space.show(fields, t)
+    elif able:
+        space.screenshot(fields, t, screenshot)
+    else:
+        tell(f"drawn without VTK, which finds no window here: install {window.MISSING}")
+        space.plain(fields, t).savefig(screenshot)
+    emit({"screenshot": str(screenshot), "time": t, "vtk": able}, json, str(screenshot or "closed"))
+    return DONE
 
 
 def check(file: Path, /, *overrides: str, json: Json = False) -> int:

@@ -1,0 +1,106 @@
+"""The view in space: pictures without a screen, with and without VTK's windows."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from flashtemp import job
+from flashtemp.__main__ import main
+from flashtemp.case import load
+from flashtemp.export import open_fields
+from flashtemp.viz import space, window
+
+SMALL = {
+    "numerics.mesh": 0.4, "schedule.distance": 0.05, "output.profiles": 4, "output.fields": 2, "output.pictures": False,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A result in 2D and one in 3D that leans to y > 0."""
+    out = {}
+    for name, given in (
+        ("flat", {}),
+        ("wide", {"numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.8}),
+    ):
+        file = tmp_path_factory.mktemp(name) / "case.toml"
+        file.write_text(f'title = "{name} block"\n')
+        out[name] = file.parent / "out"
+        job.simulate(load(file, SMALL | given), out[name])
+    return out
+
+
+@pytest.mark.parametrize("name", ["flat", "wide"])
+def test_screenshot_shows_something(folders, name, tmp_path, capsys, monkeypatch):
+    for key in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(key, raising=False)
+    file = tmp_path / "seen.png"
+    assert main(["view", str(folders[name]), "--screenshot", str(file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    picture = imread(file)[..., :3]
+    assert picture.shape[0] > 300
+    colours = len(np.unique((picture * 15).astype(int).reshape(-1, 3), axis=0))
+    assert colours > 25, "block and road in many colours on white"
+    assert (picture.min(axis=2) > 0.99).mean() > 0.2
+    assert told["vtk"] in (True, False)
+
+
+def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(window, "off_screen", lambda: False)
+    file = tmp_path / "plain.png"
+    assert main(["view", str(folders["wide"]), "--screenshot", str(file)]) == 0
+    assert "libegl1" in capsys.readouterr().err
+    assert imread(file).std() > 0.05
+
+
+def test_a_window_that_ends_the_process_is_survived(monkeypatch):
+    monkeypatch.setattr(window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    assert window.off_screen() is False
+
+
+def test_vtk_is_not_imported_before_its_window_is_chosen():
+    code = "import sys, flashtemp.viz.window, flashtemp.viz.space; print(any(m.startswith('vtk') for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
+
+
+def test_parts_are_the_field(folders):
+    """Edges in mm, temperatures in place: the warmer side is y > 0, and 2D is drawn out to its width."""
+    x, y, z, T = space.parts(open_fields(folders["wide"]), 1.0)["block"]
+    assert T.shape == (len(x) - 1, len(y) - 1, len(z) - 1)
+    assert (y[0], y[-1]) == pytest.approx((-25.0, 25.0))
+    assert T[T.shape[0] // 2, -1, 0] > T[T.shape[0] // 2, 0, 0] + 1.0
+    assert T[..., 0].max() > T[..., -1].max() + 1.0
+    _, y, z, T = space.parts(open_fields(folders["flat"]), 1.0)["road"]
+    assert y.tolist() == [-25.0, 25.0]
+    assert -1.5 * space.ROAD_SHOWN < z[0] < -2.0
+    assert z[-1] == 0.0
+    assert T.shape[2] == len(z) - 1
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--time", "99", "--screenshot", "a.png"], "--time"),
+        (["--screenshot", "nowhere/a.png"], "a folder that exists"),
+        (["--screenshot", "a.gif"], ".png"),
+        ([], "no screen here"),
+    ],
+)
+def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(window, "on_screen", lambda: False)
+    assert main(["view", str(folders["flat"]), *more]) == 2
+    said = capsys.readouterr().err.strip()
+    assert says in said
+    assert "\n" not in said
+
+
+def test_a_folder_without_fields(tmp_path, capsys):
+    assert main(["view", str(tmp_path)]) == 2
+    assert "no fields.vtkhdf" in capsys.readouterr().err

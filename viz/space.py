@@ -1,0 +1,177 @@
+"""Block and road in space: half of the block cut away, so that its section and the hot road below are seen."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+
+ROAD_SHOWN = 3.0  # mm
+SIZE = (1500, 900)
+PAPER, INK, EDGE = "white", "#222222", "#5A5A5A"
+
+
+def parts(fields, t: float) -> dict[str, tuple]:
+    """Block and road at the kept time nearest to t: edges x, y, z in mm, T (nx, ny, nz) degC.
+
+    A run in 2D is drawn out to its width.
+    """
+    width = 1e3 * tomllib.loads(fields.case)["block"]["width"]
+    out = {}
+    for name in ("block", "road"):
+        x, y, z, T = fields.tensor(name, t)
+        y = 1e3 * y if len(y) > 1 else np.array([-0.5, 0.5]) * width
+        x, z = 1e3 * x, 1e3 * z
+        keep = max(0, int(np.searchsorted(z, -ROAD_SHOWN, side="right")) - 1) if name == "road" else 0
+        out[name] = (x, y, z[keep:], T[:, :, keep:])
+    return out
+
+
+def limits(fields, t: float) -> tuple[float, float]:
+    """Colour limits (degC): from the coolest cell to the hottest contact of all kept times."""
+    low = min(float(fields.T(body, t).min()) for body in ("block", "road"))
+    faces = ("T_block_degC", "T_road_degC")
+    high = max(float(fields.cells("contact", face, each).max()) for face in faces for each in fields.times)
+    return low, max(high, low + 1.0)
+
+
+def _grid(x, y, z, T):
+    """A pyvista grid with temperatures at its points, m to mm done before."""
+    import pyvista as pv
+
+    grid = pv.RectilinearGrid(x, y, z)
+    grid.cell_data["T"] = T.transpose(2, 1, 0).ravel()
+    return grid.cell_data_to_point_data()
+
+
+def _half(x, y, z, T) -> tuple:
+    """The half behind the middle of the width; all of it where it is one cell wide."""
+    if len(y) == 2:
+        return x, np.array([0.0, y[1]]), z, T
+    first = int(np.searchsorted(y, 0.0))
+    return x, y[first:], z, T[:, first:]
+
+
+def plotter(fields, t: float, off: bool = True):
+    """A pyvista Plotter of the kept time nearest to t; without `off` with a slider of time and a plane to cut with."""
+    import pyvista as pv
+
+    seen = parts(fields, t)
+    norm = limits(fields, t)
+    style = {"scalars": "T", "cmap": theme.temperature_map(), "clim": norm, "lighting": False}
+    bar = {
+        "title": f"temperature ({theme.DEGREE})", "vertical": True, "color": INK, "n_labels": 5, "fmt": "%.0f",
+        "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
+        "title_font_size": 20, "label_font_size": 18,
+    }  # fmt: skip
+    plot = pv.Plotter(off_screen=off, window_size=SIZE)
+    plot.set_background(PAPER)
+    road, whole = _grid(*seen["road"]), _grid(*seen["block"])
+    plot.add_mesh(road, **style, scalar_bar_args=bar)
+    plot.add_mesh(road.outline(), color=EDGE)
+    if off:
+        plot.add_mesh(_grid(*_half(*seen["block"])), **style, show_scalar_bar=False)
+    else:
+        plot.add_mesh_clip_plane(whole, normal="-y", invert=False, **style, show_scalar_bar=False)
+    plot.add_mesh(whole.outline(), color=EDGE, line_width=2)
+    _words(plot, fields, seen, t)
+    if not off and len(fields.times) > 1:
+        _slider(plot, fields, {"road": road, "block": whole})
+    _look(plot, seen)
+    return plot
+
+
+def _words(plot, fields, seen, t: float) -> None:
+    x, y, z, _ = seen["block"]
+    moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
+    plot.add_text(fields.title, position="upper_left", font_size=15, color=INK)
+    plot.add_text(f"t = {theme.number(float(moment))} s", position="lower_left", font_size=13, color=INK, name="time")
+    under, far = -ROAD_SHOWN - 2.0, seen["road"][0][-1]
+    marks = {  # below the road and above the block: nothing dark behind
+        (x[0], y[0], under): "leading edge", (x[-1], y[0], under): "trailing edge",
+        (0.35 * x[0] + 0.65 * x[-1], y[-1], z[-1] + 2.5): f"block {x[-1]:.3g} x {np.ptp(y):.3g} x {z[-1]:.3g} mm",
+    }  # fmt: skip
+    if far > x[-1]:
+        marks[(far, y[0], under)] = "wake"
+    plot.add_point_labels(
+        np.array(list(marks)), list(marks.values()), shape=None, show_points=False, font_size=20, text_color=INK,
+        always_visible=True, bold=False,
+    )  # fmt: skip
+
+
+def _slider(plot, fields, grids: dict) -> None:
+    """Time by a slider over the kept fields."""
+
+    def show(position: float) -> None:
+        t = fields.times[round(position)]
+        seen = parts(fields, t)
+        for name, grid in grids.items():
+            grid.point_data["T"][:] = _grid(*seen[name]).point_data["T"]
+        plot.add_text(f"t = {theme.number(float(t))} s", position="lower_left", font_size=13, color=INK, name="time")
+
+    last = len(fields.times) - 1
+    plot.add_slider_widget(show, (0, last), value=last, title="kept field", fmt="%.0f", color=INK, style="modern")
+
+
+def _look(plot, seen) -> None:
+    """From before and above the side where the block is cut open."""
+    x, y, z = (seen["road"][i][[0, -1]] for i in range(3))
+    centre = np.array([x.mean() + 0.06 * np.ptp(x), y.mean(), 0.5 * seen["block"][2][-1] - 0.5 * ROAD_SHOWN])
+    reach = float(np.hypot(np.ptp(x), np.ptp(y)))
+    plot.camera_position = [centre + reach * np.array([-0.35, -1.25, 0.85]), centre, (0, 0, 1)]
+    plot.reset_camera()
+    plot.camera.zoom(1.2)
+
+
+def screenshot(fields, t: float, file: Path) -> None:
+    """Draw off screen into a PNG file."""
+    plot = plotter(fields, t)
+    plot.screenshot(file)
+    plot.close()
+
+
+def show(fields, t: float) -> None:
+    """Open a window."""
+    plotter(fields, t, off=False).show()
+
+
+# --- without VTK's windows ----------------------------------------------------------------------------
+@theme.styled
+def plain(fields, t: float) -> Figure:
+    """The same faces by matplotlib alone: road from above, section of the block, lengths in mm."""
+    seen, norm = parts(fields, t), theme.temperature_norm(np.array(limits(fields, t)))
+    colour = theme.temperature_map()
+    fig = Figure(figsize=(7.2, 4.6), facecolor="white")
+    ax = fig.add_subplot(projection="3d", computed_zorder=False)
+    x, y, z, T = seen["road"]
+    surface = T[:, :, -1]
+    X, Y = np.meshgrid(x, y, indexing="ij")
+    kind = {"shade": False, "rstride": 1, "cstride": 1, "linewidth": 0, "antialiased": False}
+    ax.plot_surface(X, Y, 0 * X, facecolors=colour(norm(surface)), **kind)
+    x, y, z, T = _half(*seen["block"])
+    X, Z = np.meshgrid(x, z, indexing="ij")
+    ax.plot_surface(X, 0 * X, Z, facecolors=colour(norm(T[:, 0])), **kind)
+    Y, Z = np.meshgrid(y, z, indexing="ij")
+    ax.plot_surface(0 * Y + x[0], Y, Z, facecolors=colour(norm(T[0])), **kind)
+    X, Y = np.meshgrid(x, y, indexing="ij")
+    ax.plot_surface(X, Y, 0 * X + z[-1], facecolors=colour(norm(T[:, :, -1])), **kind)
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", title=fields.title)
+    ax.set_box_aspect((np.ptp(seen["road"][0]), np.ptp(seen["road"][1]), z[-1]), zoom=1.25)
+    ax.view_init(32, -70)
+    moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
+    fig.text(0.02, 0.03, f"t = {theme.number(float(moment))} s")
+    from matplotlib.cm import ScalarMappable
+
+    fig.colorbar(
+        ScalarMappable(norm, colour),
+        ax=ax,
+        label=f"temperature ({theme.DEGREE})",
+        shrink=0.6,
+        pad=0.05,
+        location="left",
+    )
+    return fig

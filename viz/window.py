@@ -1,0 +1,44 @@
+"""A window for VTK with or without a screen: VTK ends the process where it finds none, so it is tried beforehand."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+
+CHOICE = "VTK_DEFAULT_OPENGL_WINDOW"
+MISSING = "libegl1 libegl-mesa0 libgl1-mesa-dri (or libosmesa6 alone)"
+TRIAL = "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(return_img=True)"
+LIBRARIES = (("libEGL.so.1", "vtkEGLRenderWindow"), ("libOSMesa.so.8", "vtkOSOpenGLRenderWindow"))
+
+
+def off_screen() -> bool:
+    """Choose a window that needs no screen, before vtk is imported; False where there is none to be had."""
+    if sys.platform == "linux" and CHOICE not in os.environ:
+        for library, window in LIBRARIES:
+            if _loads(library):
+                os.environ[CHOICE] = window
+                break
+    return _draws()
+
+
+def on_screen() -> bool:
+    """Whether a window can be opened here."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _draws() -> bool:
+    """Draw a few pixels in a child process, which VTK may end by a signal."""
+    try:
+        return subprocess.run([sys.executable, "-c", TRIAL], capture_output=True, timeout=120).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False

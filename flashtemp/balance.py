@@ -71,7 +71,8 @@ class Balance:
         now = self.scene.moment(schedule.phases[0], 0.0)
         pressure = np.full(len(mesh.column_x), max(schedule.pressure.value))
         now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=pressure)
-        return float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
+        phi = float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
+        return phi + self.laws("contact.resolved", 0.0, None, now) * (1.0 - phi)
 
     def _deposits(self) -> None:
         """Exact cell means of the decaying sources, eq. (7); power beyond the holder is kept."""

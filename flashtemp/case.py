@@ -195,6 +195,7 @@ def build(case: Case) -> Scene:
         length=v.block.length,
         height=v.block.height,
         spot_diameter=v.contact.spot_diameter,
+        spot_fraction=v.contact.spot_fraction,
         track_length=v.road.track_length,
         stiffness=v.block.stiffness,
     )

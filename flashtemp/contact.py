@@ -2,9 +2,10 @@
 
 Unknown per depth line is the flux J_R into the rubber per spot area; everything else follows.
 With T_m the rubber temperature inside the spots (theory 1.4 eqs. (9)-(12)):
-    T_m = T_0 + A J_R + c q,          A = phi h_R + R_flash,   c q = flash of the volumetric part
+    T_m = T_0 + A J_R + c q,          A = phi h_R + R_flash,         c q = flash of the volumetric part
     J_R = g [(chi r + f h_S) q_a - (T_0 - T_road) - c q],      g = 1/(A + f h_S + r)
 and q = m mu(T_m), m = p v/phi, closes it: one scalar equation per line, solved by Newton.
+Where spots are resolved A = h_R, and block and road are heated through what is covered at the moment.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from flashtemp.laws import STEP
 class ContactState:
     """What the contact laws give along the block (lines,), apart from temperature.
 
-    `m` = p v/phi (W/m2 per unit mu), `phi` contact fraction and `covered` its mean over the length, `pressure`
-    local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, and `flash` (m2 K/W),
+    `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
+    `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
     `lane` factor on the road rise, `split` chi, `surface` share of the heat released at the interface, `deep`
     flash of the deposits (m2 K/W).
     """
@@ -38,6 +39,9 @@ class ContactState:
     split: float
     surface: float
     deep: np.ndarray
+    block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
+    road: np.ndarray | float  # that of its road cell: 1 while that is the lane under the spots
+    half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
 
 
 class Fluxes(NamedTuple):
@@ -69,7 +73,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, g
     asks for its slope in T alone.
     Raises SolverFailure when the friction law has no consistent temperature.
     """
-    A = state.phi * half_block + state.flash
+    A = state.half * half_block + state.flash
     fh = state.lane * half_road
     g = 1.0 / (A + fh + state.r)
     drop = T0 - under - state.lane * (Ts - under)

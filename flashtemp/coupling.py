@@ -24,9 +24,10 @@ class Coupling:
         def slope(values):
             return np.imag(values) / STEP
 
-        self.face = slope(state.phi * flux.into_block * area)
-        self.power = slope(state.phi * flux.heat * area)
-        self.books = (self.power, slope(state.phi * flux.into_road * area), slope(flux.into_road * area))
+        self.face = slope(state.block * flux.into_block * area)
+        self.power = slope(state.block * flux.heat * area)
+        road = flux.into_road * area
+        self.books = (self.power, slope(state.block * road), slope(state.road * road))
         self.abrasion = slope(footprint.abrasion_rate(moved, now))
         spot, mu = (
             slope(footprint.abrasion_rate(meeting._replace(flux=meeting.flux._replace(**{k: v + 1j * STEP})), now))

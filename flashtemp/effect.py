@@ -116,6 +116,7 @@ class Effect:
     source: ClassVar[str] = ""
     tells: ClassVar[tuple[str, ...]] = ()
     alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
+    detail: ClassVar[bool] = False  # the same physics in more detail: no cause that `discover` looks for
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
     steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure

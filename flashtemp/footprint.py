@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -121,10 +122,35 @@ class Footprint:
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
-        return contact.ContactState(
+        state = contact.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
             flash=flash, lane=lane, split=split, surface=self.b.surface_share, deep=deep,
+            block=phi, road=1.0, half=phi,
         )  # fmt: skip
+        return self._resolved(state, now) if laws.has("contact.cover") else state
+
+    def _resolved(self, state, now) -> contact.ContactState:
+        """The state where spots cover their columns one by one instead of on average, and carry the load together."""
+        w = self.laws("contact.resolved", 0.0, None, now)
+        if w == 0.0:
+            return state
+        cover, area = self.laws("contact.cover", 0.0, None, now), self.mesh.column_area
+        carried = np.sum(state.pressure / state.phi * cover * area)
+        if now.pressure > 0 and not np.real(carried) > 0:
+            raise SolverFailure("no spot is under the block; give more or larger spots")
+        load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
+        return replace(
+            state,
+            m=state.m + w * (load - 1.0) * state.m,
+            phi=state.phi + w * (cover - state.phi),
+            covered=state.covered + w * (1.0 - state.covered),
+            flash=(1.0 - w) * state.flash,
+            deep=(1.0 - w) * state.deep,
+            lane=1.0 - (1.0 - w) * (1.0 - state.lane),
+            block=state.block + w * (cover - state.block),
+            road=1.0 + w * (cover - 1.0),
+            half=state.half + w * (1.0 - state.half),
+        )
 
     def _spread(self, now):
         """Flash resistances of surface and depth, and the factor on the lanes' rise: these see phi only."""

@@ -111,7 +111,10 @@ def _stretch(balance, phase, settings, now, resumed, watch, spent, began, path) 
     """One phase: integrate, record, keep what leaves on the track; `path` gets every step."""
     scene = balance.scene
     stage = Stage(balance, phase, inflow(scene, phase, now.track))
-    tol = Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, phase.end - phase.begin)
+    longest, pace = phase.end - phase.begin, float(balance.laws("march.rate", 0.0, None, stage.moment(phase.begin)))
+    if phase.sliding and pace > 0:
+        longest = min(longest, 1.0 / pace)
+    tol = Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, longest)
     solver = Integrator(settings.binding, stage, tol)
     times = record_times(phase, scene.schedule, settings).tolist()
     total, wanted = len(times), -(-settings.fields // stretches(phase, scene.schedule)) if phase.sliding else 2
@@ -255,7 +258,7 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         surface, lane = T[balance.cell_block], T[balance.cell_road] + C0
         spot = surface + C0
     elif moment.touching:
-        surface = T[balance.cell_block] + state.phi * flux.into_block * balance.half_block / kf[balance.cell_block]
+        surface = T[balance.cell_block] + state.block * flux.into_block * balance.half_block / kf[balance.cell_block]
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
     else:
         surface = balance.sites.surface_rise("block.face", stage.footprint.at(state, moment), T, kf)
@@ -289,6 +292,10 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         "worn": worn,
     }
     row |= {name: mesh.across(values) for name, values in contact.items()}
+    if balance.laws("contact.resolved", 0.0, None, moment) > 0:  # what touches counts
+        weight = np.maximum(state.phi, 1e-6)
+        row["T_spot"] = mesh.across(weight * spot) / mesh.across(weight)
+        contact["cover"] = state.phi
     if frame:
         cells, lanes = T + C0, stage.footprint.lanes(state, moment)[:, None, None]
         fresh = entering.reshape(mesh.n_road, -1)

@@ -112,6 +112,9 @@ def candidates(case: cases.Case, names: tuple[str, ...] | None) -> tuple[list[Ca
         if name in case.effects:
             left[name] = "the case holds it already"
             continue
+        if effect.detail:
+            left[name] = "describes the same physics in more detail"
+            continue
         if names is None and effect.alike:
             left[name] = f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
             continue

@@ -170,6 +170,7 @@ class Run:
             "friction": ("time", self.friction, {"units": "1", "long_name": "load-weighted friction coefficient"}),
         }
         about = {name: data[name][2] for name in ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")}
+        about["cover"] = {"units": "1", "long_name": "covered by macroasperity contact regions"}
         for name, values in self.maps.items():
             place = "x_wake" if name == "T_wake" else "x"
             words = about[name] | {"long_name": about[name]["long_name"].removesuffix(", averaged across y")}

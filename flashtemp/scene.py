@@ -58,8 +58,8 @@ class Acting:
 class Scene:
     """A block on a road: everything the balance needs, nothing about files or solvers.
 
-    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions; `stiffness` of
-    the block as a spring foundation, Pa per m of compression.
+    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
+    `stiffness` of the block as a spring foundation, Pa per m of compression.
     """
 
     mesh: Mesh
@@ -73,6 +73,7 @@ class Scene:
     spot_diameter: float
     track_length: float | None = None
     stiffness: float = 1.4e9
+    spot_fraction: float = 0.2
 
     @property
     def width(self) -> float:

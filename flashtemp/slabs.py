@@ -91,7 +91,7 @@ def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, 
                 under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j]))
                 ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
                 along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
-                q[c, j] = q[c, j] / share[j] + ((over + under) + (ahead + along))
+                q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)
             _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):

@@ -149,6 +149,8 @@ class Slab(_Solid):
             kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, mesh.planes(self.kf) @ share, gx, gz)
         if not (self.stretch != 1.0).any():
             self.stretch = b.ones
+        if not (self.kf != 1.0).any():
+            self.kf = b.ones
         stretch = np.ones(mesh.n_plane) if self.stretch is b.ones else mesh.planes(self.stretch) @ share
         kernels.factorise(
             mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry, b.slope, b.g_in, gamma,

@@ -67,16 +67,15 @@ class Stage:
         state, flux = meeting.state, meeting.flux
         if flux is not None:
             area = mesh.column_area
-            block = state.phi * flux.into_block * area
             road = flux.into_road * area
-            q[b.cell_block] += block
-            q[b.cell_road] += road
-            power = state.phi * flux.heat * area
+            q[b.cell_block] += state.block * flux.into_block * area
+            q[b.cell_road] += state.road * road
+            power = state.block * flux.heat * area
             if len(b.weight):
                 kernels.deposit(b.deep_cells, b.weight, power, q)
             led["friction"] = power.sum()
-            led["into_road"] = (state.phi * road).sum()
-            led["lane_in"] = road.sum()
+            led["into_road"] = (state.block * road).sum()
+            led["lane_in"] = (state.road * road).sum()
             if b.abrades:
                 out[b.worn] = self.footprint.abrasion_rate(meeting, now) / b.worn_unit
         b.sites.exchange(self.footprint.at(state, now), T, kf, q, led)
@@ -119,15 +118,11 @@ class Stage:
         self.coupling = None
         up = down = np.zeros(len(b.cell_block))
         if d is not None:
-            area, phi = mesh.column_area, state.phi
-            deep = phi * (1.0 - state.surface) * area
-            own += [(b.cell_block, phi * area * d.block[0] + deep * d.heat[0]), (b.cell_road, area * d.road[1])]
-            up, down = area * d.road[0], phi * area * d.block[1] + deep * d.heat[1]
-            for name, w, slopes in (
-                ("friction", phi * area, d.heat),
-                ("into_road", phi * area, d.road),
-                ("lane_in", area, d.road),
-            ):
+            face, lane = state.block * mesh.column_area, state.road * mesh.column_area
+            deep = face * (1.0 - state.surface)
+            own += [(b.cell_block, face * d.block[0] + deep * d.heat[0]), (b.cell_road, lane * d.road[1])]
+            up, down = lane * d.road[0], face * d.block[1] + deep * d.heat[1]
+            for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road), ("lane_in", lane, d.road)):
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
             if b.abrades:
                 self.coupling = Coupling(self.footprint, meeting, now, T, T_in, kf, self.gamma)

@@ -1,9 +1,9 @@
 """Between the spots the rubber may lose heat across the gap.
 
 >>> from types import SimpleNamespace as N
->>> [film] = Gap().heat(None, None)
->>> film.law(N(touching=True, covered=0.2), N(gap_coefficient=10.0))
-8.0
+>>> [patch] = Gap().heat(None, N(gap_coefficient=10.0))
+>>> patch.law(30.0, N(touching=True, spot_fraction=0.2, ambient=20.0), N(gap_coefficient=10.0))
+-80.0
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ class Gap(Effect):
     gap_coefficient = Param(0.0, "W/m2K", "heat-transfer coefficient of the gap", low=0.0, high=1e4, off=0.0)
 
     def heat(self, scene, p):
-        """Film on the face while it touches the road."""
+        """Flux through the face while it touches the road."""
 
-        def law(now, p):
-            return (1.0 - now.covered) * p.gap_coefficient if now.touching else 0.0
+        def law(T, now, p):
+            return (1.0 - now.spot_fraction) * p.gap_coefficient * now.touching * (now.ambient - T)
 
-        yield Heat.film("block.face", law)
+        if p.gap_coefficient > 0:
+            yield Heat.patch("block.face", law)

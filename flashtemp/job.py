@@ -145,12 +145,12 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
 
 
 def _draw(run: Run, work: Path, animated: bool, say) -> None:
-    """Pictures of a run and, where it has several repetitions, their animation."""
+    """Pictures of a run and, where something moves in it, its animations."""
     from flashtemp import viz
 
     say("drawing pictures")
     viz.draw_all(run, work)
-    if animated and viz.applies("animation", run):
+    if animated and any(viz.applies(module, run) for module in viz.ANIMATIONS):
         say("drawing the animation")
         viz.animate(run, work)
 

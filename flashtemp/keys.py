@@ -88,7 +88,7 @@ TABLES: dict[str, dict[str, Param]] = {
         "profiles": Param(40, "1", "profiles kept per repetition", low=2, high=100000, kinds=("whole",)),
         "fields": Param(6, "1", "cell fields kept per repetition", low=2, high=10000, kinds=("whole",)),
         "pictures": Param(True, "", "draw pictures", kinds=FLAG),
-        "animation": Param(True, "", "animate a run of several repetitions, with the pictures", kinds=FLAG),
+        "animation": Param(True, "", "animate several repetitions or resolved spots, with the pictures", kinds=FLAG),
         "vtk": Param(True, "", "write the VTK file", kinds=FLAG),
     },
 }  # fmt: skip

@@ -74,7 +74,8 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
     """March from a block that is `warm` (K) above ambient; the Run and the cells' final rises."""
     balance = Balance(scene)
     y = np.zeros(balance.size)
-    y[scene.mesh.everywhere(scene.mesh.block)] = warm
+    warm = np.asarray(warm)
+    y[scene.mesh.everywhere(scene.mesh.block)] = warm[..., None] if warm.ndim == 2 else warm
     start = scene.schedule.phases[phase].begin
     state = Progress(t=start, phase=phase, y=y, left=-np.array(balance.stored(y)))
     run = march(scene, Settings(cvode.choose(None), rtol, profiles=profiles), state=state)

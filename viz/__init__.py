@@ -9,7 +9,7 @@ from pathlib import Path
 PICTURES = {
     "profile": "profile", "film": "map", "field": "field", "friction": "friction", "budget": "budget",
     "maps": "run_in", "worn": "worn",
-    "width": "width",
+    "width": "width", "spots": "spots",
 }  # fmt: skip
 
 
@@ -28,6 +28,10 @@ def draw_all(run, folder) -> list[Path]:
     return out
 
 
-def animate(run, folder) -> Path:
-    """Write the animation of a run, run_in.gif, into a folder that exists."""
-    return import_module("flashtemp.viz.animation").write(run, Path(folder) / "run_in.gif")
+ANIMATIONS = {"animation": "run_in", "spots": "spots"}
+
+
+def animate(run, folder) -> list[Path]:
+    """Write the animations that apply to a run into a folder that exists, each as NAME.gif of ANIMATIONS."""
+    found = [(module, Path(folder) / f"{name}.gif") for module, name in ANIMATIONS.items() if applies(module, run)]
+    return [import_module(f"flashtemp.viz.{module}").write(run, path) for module, path in found]

@@ -45,7 +45,7 @@ def write(run, path) -> Path:
         raise BadInput(f"{path}: no animation can be written as '{path.suffix}'; name a file ending .gif or .mp4")
     if kind == ".mp4" and not shutil.which("ffmpeg"):
         raise BadInput(f"{path}: MP4 needs ffmpeg, which is not installed; install it or name a file ending .gif")
-    (_gif if kind == ".gif" else _mp4)(path, Screen(run, kept).pictures(kept), durations(run, kept))
+    (gif if kind == ".gif" else _mp4)(path, Screen(run, kept).pictures(kept), durations(run, kept))
     return path
 
 
@@ -65,7 +65,7 @@ def durations(run, kept: list[int]) -> list[int]:
     return [*(10 * round(v / 10) for v in ms), REST]
 
 
-def _gif(path: Path, pictures, ms: list[int]) -> None:
+def gif(path: Path, pictures, ms: list[int]) -> None:
     """A GIF that loops, in one palette without dithering: only what changes is stored."""
     from PIL import Image
 

@@ -1,0 +1,114 @@
+"""Resolved spots: what they cover, what they heat, and how far the averaged model is from them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.balance import Balance
+from flashtemp.effects.resolved_spots import ResolvedSpots, covered, discs
+from flashtemp.errors import BadInput
+from flashtemp.mesh import Mesh
+from flashtemp.meshes.grading import geometric
+from flashtemp.stage import Stage
+
+D, PHI = 3e-3, 0.2
+
+
+# --- geometry ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("pattern", "phi"), [("random", 0.05), ("random", 0.3), ("regular", 0.2), ("regular", 0.6)])
+def test_discs_cover_their_share_and_do_not_overlap(pattern, phi):
+    repeat, centres = discs(pattern, D, phi, 0.02, 0.06, 3)
+    assert len(centres) * np.pi * D**2 / 4 / (repeat * 0.02) == pytest.approx(phi, rel=1e-12)
+    apart = np.abs(centres[:, None] - centres[None])
+    apart = np.minimum(apart, np.array([repeat, 0.02]) - apart)
+    far = np.hypot(apart[..., 0], apart[..., 1])[~np.eye(len(centres), dtype=bool)]
+    assert far.min() >= D * (1 - 1e-9)
+    area = covered(centres, repeat, D, np.linspace(-0.01, 0.01, 37), 0.02)
+    assert area[:, -1].mean() / repeat == pytest.approx(phi, rel=1e-3)
+
+
+def test_the_seed_decides():
+    first, again, other = (discs("random", D, PHI, 0.02, 0.06, seed)[1] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_too_many_discs_are_refused():
+    with pytest.raises(BadInput, match="at random"):
+        discs("random", D, 0.8, 0.02, 0.06, 1)
+
+
+def even(n, length, height=3e-3, first=1e-5, cells=24, planes=1, width=0.02):
+    """Even cells along and across, fine ones above the contact; the road is a dummy."""
+    y = width * (np.arange(planes + 1) / planes - 0.5)
+    return Mesh(
+        np.linspace(0.0, length, n + 1), geometric(2e-3, first, cells), geometric(height, first, cells), 0, n, y
+    )
+
+
+def resolved(lab, mesh, phi=PHI, road=None, time=1.0, speed=0.1, **given):
+    values = {"pattern": "random"} | given
+    scene = lab.scene(mesh, lab.MU, (ResolvedSpots(), values), road=road or lab.ROAD, phi=phi, time=time, speed=speed)
+    return replace(scene, spot_fraction=phi)
+
+
+def cover_at(scene, slid):
+    law = next(c.law for a in scene.acting for c in a.contributions(scene) if getattr(c, "target", "") == "contact.cover")
+    return law(None, SimpleNamespace(slid=slid), None)
+
+
+def test_cover_moves_with_the_road_without_steps(lab):
+    """The covered area changes by what crosses the edges only: no staircase as spots pass from cell to cell."""
+    scene = resolved(lab, even(40, 0.02, planes=30), repeat=0.02)
+    area = scene.mesh.column_area
+    repeat, centres = discs("random", D, PHI, scene.width, 0.02, 1)
+    whole = np.array([cover_at(scene, s) @ area for s in np.linspace(0.0, repeat, 400, endpoint=False)])
+    assert cover_at(scene, 0.0).max() == pytest.approx(1.0, abs=1e-9)
+    assert whole.mean() / area.sum() == pytest.approx(PHI, rel=1e-3)
+    # what leaves in a step is at most the chord across all planes at both ends
+    most = 2 * repeat / 400 * 1.0
+    assert np.abs(np.diff(whole)).max() <= most
+    moved = cover_at(scene, 5e-4).reshape(40, 30)
+    np.testing.assert_allclose(moved[1:], cover_at(scene, 0.0).reshape(40, 30)[:-1], atol=1e-9)  # by one cell
+    np.testing.assert_allclose(cover_at(scene, repeat), cover_at(scene, 0.0), atol=1e-9)
+
+
+# --- heat --------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("phi", "excess"), [(0.2, 0.17201627), (0.3, 0.16615538), (0.5, 0.12625818)])
+def test_V12_stripes_heat_on_and_off(lab, phi, excess):
+    """Mean excess in the on-phase over the period mean, in units of q sqrt(P)/e; the road takes no heat."""
+    length, speed, time = D / phi, 0.5, 0.5
+    mesh = even(round(length / D * 32), length, first=5e-6)
+    scene = resolved(lab, mesh, phi, lab.NO_ROAD, time, speed, pattern="stripes")
+    run, rise = lab.slide(scene, rtol=1e-4)
+    stage = Stage(Balance(scene), scene.schedule.phases[-1])
+    now = stage.moment(scene.schedule.end)
+    state, _, flux, _ = stage.footprint.meet(now, 0.0, rise, stage.entering(now), stage.b.ones)
+    spot = np.sum(state.phi * flux.spot) / np.sum(state.phi) - scene.ambient
+    mean = np.mean(run.T_block[-1]) - run.ambient_degC
+    q, period = 1e5 * speed / phi, D / phi / speed
+    found = (spot - mean) / (q * np.sqrt(period) / lab.RUBBER.effusivity)
+    lab.check(f"V12 stripes, phi = {phi:g}, relative", abs(found / excess - 1), 0.03)
+
+
+def test_load_is_carried_by_the_spots_that_are_there(lab):
+    """Whatever is covered at the moment: heat mu p v of the whole block, at every time."""
+    scene = resolved(lab, even(24, 0.02, planes=12, cells=10), time=0.05, repeat=0.03)
+    run, _ = lab.slide(scene, rtol=1e-4, profiles=8)
+    power = np.diff(run.energy["friction"]) / np.diff(run.time)
+    np.testing.assert_allclose(power, 1e5 * 0.1 * 0.02, rtol=1e-9)
+    assert np.ptp(run.maps["cover"].mean(axis=(1, 2))) > 0.005  # though the cover changes
+
+
+def test_spots_draw_tracks_that_stay(lab):
+    """Rubber is warm where spots passed, and cold between; spots are hotter than their tracks."""
+    scene = resolved(lab, even(40, 0.02, planes=30, cells=14), time=0.2, pattern="regular", repeat=0.02)
+    run, _ = lab.slide(scene, rtol=1e-3)
+    face, cover = run.maps["T_block"][-1] - run.ambient_degC, run.maps["cover"][-1]
+    lanes = face[-8:].mean(axis=0)
+    assert lanes.max() > 3 * max(lanes.min(), 1e-3)
+    assert face[cover > 0.9].mean() > 1.3 * face.mean()

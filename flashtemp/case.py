@@ -231,6 +231,7 @@ def _probe(acting, v, materials, case):
     """Contributions of one effect on a scene without mesh, to ask what it speaks about."""
     scene = SimpleNamespace(
         length=v.block.length, width=v.block.width, height=v.block.height, spot_diameter=v.contact.spot_diameter,
+        spot_fraction=v.contact.spot_fraction,
         ambient=v.ambient.temperature + KELVIN, resolved=v.numerics.across > 1, **materials,
     )  # fmt: skip
     return acting.contributions(scene)

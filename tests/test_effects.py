@@ -344,7 +344,7 @@ def test_file(name):
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
         names += [node.module] if isinstance(node, ast.ImportFrom) else []
         for found in names:
-            own = found in ("flashtemp.effect", "flashtemp.errors", "flashtemp.tables")
+            own = found in ("flashtemp.effect", "flashtemp.errors", "flashtemp.patterns", "flashtemp.tables")
             assert own or found.split(".")[0] in allowed, f"imports {found}"
 
 

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 LAYERS = [  # from the bottom; a module imports from its own layer or one before it
     ["errors"],
     ["folders", "stopping", "workers", "gram"],
-    ["tables", "mesh", "material", "schedule", "effect"],
+    ["tables", "patterns", "mesh", "material", "schedule", "effect"],
     ["effects", "meshes", "scene"],
     ["generic"],
     ["laws", "contact", "kernels", "slabs", "foundation", "sites"],
@@ -42,7 +42,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["conclude"],
     ["page"],
     ["report", "findings"],
-    ["export", "job", "verify", "exact", "decay", "settling", "waiting", "sweep"],
+    ["export", "job", "verify", "exact", "decay", "settling", "waiting", "sweep", "topography"],
     ["viz"],
     ["terminal"],
     ["commands"],

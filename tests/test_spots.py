@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from flashtemp.balance import Balance
-from flashtemp.effects.resolved_spots import ResolvedSpots, covered, discs
+from flashtemp.effects.resolved_spots import ResolvedSpots
 from flashtemp.errors import BadInput
 from flashtemp.mesh import Mesh
 from flashtemp.meshes.grading import geometric
+from flashtemp.patterns import ContactMap, discs, read_map
 from flashtemp.stage import Stage
 
 D, PHI = 3e-3, 0.2
@@ -21,18 +22,19 @@ D, PHI = 3e-3, 0.2
 # --- geometry ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("pattern", "phi"), [("random", 0.05), ("random", 0.3), ("regular", 0.2), ("regular", 0.6)])
 def test_discs_cover_their_share_and_do_not_overlap(pattern, phi):
-    repeat, centres = discs(pattern, D, phi, 0.02, 0.06, 3)
+    road = discs(pattern, D, phi, 0.02, 0.06, 3)
+    repeat, centres = road.repeat, road.centres
     assert len(centres) * np.pi * D**2 / 4 / (repeat * 0.02) == pytest.approx(phi, rel=1e-12)
     apart = np.abs(centres[:, None] - centres[None])
     apart = np.minimum(apart, np.array([repeat, 0.02]) - apart)
     far = np.hypot(apart[..., 0], apart[..., 1])[~np.eye(len(centres), dtype=bool)]
     assert far.min() >= D * (1 - 1e-9)
-    area = covered(centres, repeat, D, np.linspace(-0.01, 0.01, 37), 0.02)
+    area = road.area(np.linspace(-0.01, 0.01, 37), 0.02)
     assert area[:, -1].mean() / repeat == pytest.approx(phi, rel=1e-3)
 
 
 def test_the_seed_decides():
-    first, again, other = (discs("random", D, PHI, 0.02, 0.06, seed)[1] for seed in (1, 1, 2))
+    first, again, other = (discs("random", D, PHI, 0.02, 0.06, seed).centres for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -51,13 +53,15 @@ def even(n, length, height=3e-3, first=1e-5, cells=24, planes=1, width=0.02):
 
 
 def resolved(lab, mesh, phi=PHI, road=None, time=1.0, speed=0.1, **given):
-    values = {"pattern": "random"} | given
+    values = {"pattern": "random", "contact_map": None} | given
     scene = lab.scene(mesh, lab.MU, (ResolvedSpots(), values), road=road or lab.ROAD, phi=phi, time=time, speed=speed)
     return replace(scene, spot_fraction=phi)
 
 
 def cover_at(scene, slid):
-    law = next(c.law for a in scene.acting for c in a.contributions(scene) if getattr(c, "target", "") == "contact.cover")
+    law = next(
+        c.law for a in scene.acting for c in a.contributions(scene) if getattr(c, "target", "") == "contact.cover"
+    )
     return law(None, SimpleNamespace(slid=slid), None)
 
 
@@ -65,7 +69,7 @@ def test_cover_moves_with_the_road_without_steps(lab):
     """The covered area changes by what crosses the edges only: no staircase as spots pass from cell to cell."""
     scene = resolved(lab, even(40, 0.02, planes=30), repeat=0.02)
     area = scene.mesh.column_area
-    repeat, centres = discs("random", D, PHI, scene.width, 0.02, 1)
+    repeat = discs("random", D, PHI, scene.width, 0.02, 1).repeat
     whole = np.array([cover_at(scene, s) @ area for s in np.linspace(0.0, repeat, 400, endpoint=False)])
     assert cover_at(scene, 0.0).max() == pytest.approx(1.0, abs=1e-9)
     assert whole.mean() / area.sum() == pytest.approx(PHI, rel=1e-3)
@@ -75,6 +79,32 @@ def test_cover_moves_with_the_road_without_steps(lab):
     moved = cover_at(scene, 5e-4).reshape(40, 30)
     np.testing.assert_allclose(moved[1:], cover_at(scene, 0.0).reshape(40, 30)[:-1], atol=1e-9)  # by one cell
     np.testing.assert_allclose(cover_at(scene, repeat), cover_at(scene, 0.0), atol=1e-9)
+
+
+def test_a_map_covers_what_its_pixels_do(tmp_path, lab):
+    """Rows and cells of any size, the map repeated along and across."""
+    rng = np.random.default_rng(5)
+    covered = (rng.uniform(size=(50, 30)) < 0.3).astype(float)
+    road = ContactMap(covered, (4e-4, 5e-4))
+    area = road.area(np.linspace(-0.0075, 0.0075, 31), 0.015)
+    np.testing.assert_allclose(np.diff(area, axis=1) / 4e-4, covered.T, atol=1e-12)
+    wide = road.area(np.linspace(-0.015, 0.015, 41), 0.03)
+    assert wide[:, -1].mean() / road.repeat == pytest.approx(covered.mean(), rel=1e-12)
+    np.testing.assert_allclose(wide[:20, -1], wide[20:, -1], rtol=1e-12)
+    file = tmp_path / "map.npz"
+    np.savez(file, covered=covered, pixel_m=[4e-4, 5e-4])
+    scene = resolved(lab, even(40, 0.02, planes=12, cells=8), contact_map=read_map(file, "k"), time=0.02)
+    assert cover_at(scene, 0.0) @ scene.mesh.column_area == pytest.approx(covered.mean() * 0.02, rel=0.2)
+    lab.slide(scene, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "held", [{}, {"covered": np.ones(3), "pixel_m": [1, 1]}, {"covered": 2 * np.ones((3, 3)), "pixel_m": [1, 1]}]
+)
+def test_a_file_that_is_no_map_is_refused(tmp_path, held):
+    np.savez(tmp_path / "map.npz", **held)
+    with pytest.raises(BadInput, match="flashtemp spots"):
+        read_map(tmp_path / "map.npz", "resolved_spots.contact_map")
 
 
 # --- heat --------------------------------------------------------------------------------------------

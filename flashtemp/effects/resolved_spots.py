@@ -1,9 +1,10 @@
 """The macroasperity spots themselves, fixed in the road and moving through the contact (Level R).
 
->>> spots = discs("regular", 3e-3, 0.2, 0.05, 0.05, 1)
->>> repeat, centres = spots
->>> round(len(centres) * 3.14159265 * 2.25e-6 / (repeat * 0.05), 6)
-0.2
+>>> from types import SimpleNamespace as N
+>>> scene = N(spot_diameter=3e-3, spot_fraction=0.2, width=0.05)
+>>> cover, share, pace = ResolvedSpots().heat(scene, N(weight=1.0))
+>>> round(pace.law(None, N(speed=0.1), N(weight=1.0)))
+400
 """
 
 from __future__ import annotations
@@ -14,58 +15,10 @@ import numpy as np
 
 from flashtemp.effect import Effect, Param, Term
 from flashtemp.errors import BadInput
+from flashtemp.patterns import Stripes, discs, read_map
 
-PIXELS = 48  # per diameter: the area of a disc is then good to 1e-4
 PATTERNS = ("random", "regular", "stripes")
 STEPS = 12.0  # at least, while the road moves by a diameter
-
-
-def discs(pattern: str, diameter: float, fraction: float, width: float, length: float, seed: int):
-    """Length (m) after which the pattern repeats, near `length`, and centres (n, 2) m of discs that cover `fraction`.
-
-    The pattern is periodic across the `width` too.  Raises BadInput where discs cannot be placed without overlap.
-    """
-    one = np.pi * diameter**2 / 4
-    if pattern == "regular":  # rows across, every other one shifted by half
-        rows = max(1, round(width * np.sqrt(fraction / one * np.sqrt(3) / 2)))
-        pitch = one * rows / (fraction * width)
-        count = 2 * max(1, round(length / pitch / 2))
-        y = (np.arange(rows) + 0.5) / rows - 0.5
-        sites = [(pitch * (i + 0.5), width * ((b + 0.25 * (-1) ** i / rows + 0.5) % 1 - 0.5))
-                 for i in range(count) for b in y]  # fmt: skip
-        return pitch * count, np.array(sites)
-    number = max(1, round(fraction * width * length / one))
-    repeat = number * one / (fraction * width)
-    rng, sites = np.random.default_rng(seed), np.empty((0, 2))
-    for _ in range(2000 * number):
-        new = rng.uniform(0, 1, 2) * (repeat, width)
-        apart = np.abs(sites - new)
-        apart = np.minimum(apart, np.array([repeat, width]) - apart)
-        if not np.any(np.hypot(*apart.T) < diameter):
-            sites = np.vstack([sites, new])
-        if len(sites) == number:
-            return repeat, sites - (0.0, 0.5 * width)
-    raise BadInput(
-        f"resolved_spots.pattern: {number} discs cannot be placed at random at contact.spot_fraction = {fraction:g}; "
-        'give a smaller fraction or "regular"'
-    )
-
-
-def covered(centres, repeat: float, diameter: float, y: np.ndarray, width: float) -> np.ndarray:
-    """Integral (rows, pixels + 1) m along x of the covered share of rows with edges `y` (rows + 1,) m."""
-    count = int(np.ceil(repeat / diameter * PIXELS))
-    x = (np.arange(count) + 0.5) * repeat / count
-    share = np.zeros((len(y) - 1, count))
-    for cx, cy in centres:
-        off = (x - cx + 0.5 * repeat) % repeat - 0.5 * repeat
-        near = np.flatnonzero(np.abs(off) < 0.5 * diameter)
-        half = np.sqrt(0.25 * diameter**2 - off[near] ** 2)
-        for shift in (-width, 0.0, width):
-            low = np.maximum(y[:-1, None], cy + shift - half)
-            high = np.minimum(y[1:, None], cy + shift + half)
-            share[:, near] += np.maximum(high - low, 0.0) / np.diff(y)[:, None]
-    area = np.cumsum(share, axis=1) * repeat / count
-    return np.concatenate([np.zeros((len(share), 1)), area], axis=1)
 
 
 class ResolvedSpots(Effect):
@@ -80,26 +33,32 @@ class ResolvedSpots(Effect):
     pattern = Param("random", "1", 'arrangement of the spots: "random", "regular" or "stripes"', kinds=("name",))
     repeat = Param(0.05, "m", "length of road after which the pattern repeats, about", low=1e-3, high=10.0)
     seed = Param(1, "1", "number from which a random pattern is drawn", low=0, high=1e9, kinds=("whole",))
+    contact_map = Param(
+        None, "1", "contact map of a topography (flashtemp spots) instead of a pattern", kinds=("text",)
+    )
 
     @classmethod
     def prepare(cls, values, folder):
-        """Check the pattern."""
+        """Check the pattern and read the map."""
         if values["pattern"] not in PATTERNS:
             raise BadInput(f"resolved_spots.pattern: {values['pattern']!r}; give {', '.join(PATTERNS)}")
+        if values["contact_map"] is not None:
+            values["contact_map"] = read_map(folder / values["contact_map"], "resolved_spots.contact_map")
         return values
 
     def heat(self, scene, p):
         """Covered share of every column, and the longest step that follows the spots."""
+        D, phi = scene.spot_diameter, scene.spot_fraction
 
         @cache
         def ground():
-            D, phi, W = scene.spot_diameter, scene.spot_fraction, scene.width
-            if p.pattern == "stripes":
-                repeat = D / phi
-                grid = np.linspace(0.0, repeat, 4097)
-                return repeat, np.tile(np.minimum(grid, D), (scene.mesh.n_across, 1))
-            repeat, centres = discs(p.pattern, D, phi, W, p.repeat, p.seed)
-            return repeat, covered(centres, repeat, D, scene.mesh.y, W)
+            if p.contact_map is not None:
+                road = p.contact_map
+            elif p.pattern == "stripes":
+                road = Stripes(D, phi)
+            else:
+                road = discs(p.pattern, D, phi, scene.width, p.repeat, p.seed)
+            return road.repeat, road.area(scene.mesh.y, scene.width)
 
         def cover(T, now, p):
             repeat, area = ground()
@@ -113,4 +72,4 @@ class ResolvedSpots(Effect):
 
         yield Term("contact.cover", cover)
         yield Term("contact.resolved", lambda T, now, p: p.weight)
-        yield Term("march.rate", lambda T, now, p: STEPS * p.weight * now.speed / scene.spot_diameter)
+        yield Term("march.rate", lambda T, now, p: STEPS * p.weight * now.speed / D)

@@ -1,0 +1,124 @@
+"""From a road's topography to its contact map: which macroasperity regions touch under a load.
+
+Heights are read or made by SurfaceTopography, the contact is solved by ContactMechanics (extra `topography`): a smooth
+elastic half-space on the road, hard wall, periodic.  Asperities shorter than `cutoff` are filtered out first: the area
+in contact falls without end as finer ones are resolved, so that a map means nothing without that length.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.patterns import ContactMap
+
+
+@dataclass(frozen=True)
+class Spots:
+    """A contact map with the nominal `pressure` (Pa) that made it and what it holds.
+
+    `fraction` covered, `number` of regions, `diameter` (m) of a disc with their area-weighted mean area.
+    """
+
+    ground: ContactMap
+    pressure: float
+    cutoff: float
+    rms_height: float
+    fraction: float
+    number: int
+    diameter: float
+
+    def save(self, file: Path) -> None:
+        """Write the .npz that `resolved_spots.contact_map` reads."""
+        about = {k: getattr(self, k) for k in ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")}
+        with Path(file).open("wb") as out:
+            np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)
+
+    def as_dict(self) -> dict:
+        """For --json."""
+        size = [n * d for n, d in zip(self.ground.covered.shape, self.ground.pixel, strict=True)]
+        names = ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")
+        return {k: getattr(self, k) for k in names} | {"size_m": size, "pixel_m": list(self.ground.pixel)}
+
+    def __str__(self) -> str:
+        (nx, ny), (dx, dy) = self.ground.covered.shape, self.ground.pixel
+        return (
+            f"Contact map {1e3 * nx * dx:.3g} x {1e3 * ny * dy:.3g} mm, {nx} x {ny} pixels, rms height "
+            f"{1e6 * self.rms_height:.3g} um, asperities longer than {1e3 * self.cutoff:.3g} mm\n"
+            f"  at {self.pressure:.3g} Pa: {self.number} regions cover {100 * self.fraction:.2g} %, "
+            f"about {1e3 * self.diameter:.2g} mm across (area-weighted)\n"
+            f"  contact.spot_fraction={self.fraction:.3g} contact.spot_diameter={self.diameter:.2g}"
+        )
+
+
+def read(file: Path):
+    """A topography from any of the instrument files that SurfaceTopography reads.  Raises BadInput."""
+    library, _ = _library()
+    try:
+        road = library.read_topography(str(file))
+        return (road.to_unit("m") if road.unit else road).detrend("height")
+    except Exception as fault:  # readers raise whatever the damage leads to
+        why = " ".join(str(fault).split())[:120]
+        raise BadInput(f"{file}: no topography: {why}; give a height map of an instrument, or --synthetic") from fault
+
+
+def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int):
+    """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
+    library, _ = _library()
+    shape = tuple(max(16, round(side / pixel)) for side in (length, width))
+    return library.Generation.fourier_synthesis(
+        shape, (length, width), hurst=hurst, rms_height=rms, long_cutoff=rolloff, rng=np.random.default_rng(seed)
+    )
+
+
+def press(topography, pressure: float, modulus: float, cutoff: float) -> Spots:
+    """Where rubber of contact `modulus` E/(1 - nu^2) (Pa) touches the road under a nominal `pressure` (Pa).
+
+    Asperities shorter than `cutoff` (m) are left out.  Raises BadInput where nothing is left or the solve fails.
+    """
+    from scipy.ndimage import label
+
+    library, contact = _library()
+    size, shape = topography.physical_sizes, topography.nb_grid_pts
+    pixel = tuple(s / n for s, n in zip(size, shape, strict=True))
+    if cutoff < 2 * max(pixel):
+        raise BadInput(f"--cutoff: {cutoff:g} m is less than two pixels of {max(pixel):.3g} m; give a longer one")
+    heights = _smooth(np.ma.filled(np.ma.asarray(topography.heights()).astype(float), np.nan), pixel, cutoff)
+    smooth = library.Topography(heights, size, periodic=True)
+    system = contact.Systems.NonSmoothContactSystem(contact.PeriodicFFTElasticHalfSpace(shape, modulus, size), smooth)
+    solved = system.minimize_proxy(external_force=pressure * size[0] * size[1])
+    if not solved.success:
+        raise BadInput(f"--pressure: {pressure:g} Pa: no contact was found; give another pressure or modulus")
+    covered = np.asarray(system.force) > 0
+    regions, number = label(covered)
+    areas = np.bincount(regions.ravel())[1:] * pixel[0] * pixel[1]
+    diameter = float(np.sqrt(4 / np.pi * np.sum(areas**2) / np.sum(areas)))
+    rms = float(heights.std())
+    return Spots(
+        ContactMap(covered.astype(float), pixel), pressure, cutoff, rms, float(covered.mean()), number, diameter
+    )
+
+
+def _smooth(heights: np.ndarray, pixel, cutoff: float) -> np.ndarray:
+    """Heights without wavelengths shorter than `cutoff`; missing points at the mean."""
+    heights = np.where(np.isfinite(heights), heights, np.nanmean(heights))
+    q = np.hypot(
+        *np.meshgrid(*(np.fft.fftfreq(n, d) for n, d in zip(heights.shape, pixel, strict=True)), indexing="ij")
+    )
+    return np.fft.ifft2(np.where(q * cutoff <= 1.0, np.fft.fft2(heights), 0.0)).real
+
+
+def _library():
+    """SurfaceTopography and ContactMechanics, without what they say of libraries that they could use besides."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import ContactMechanics.Systems
+            import SurfaceTopography.Generation
+    except ImportError as fault:
+        raise BadInput("spots: SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
+    return SurfaceTopography, ContactMechanics

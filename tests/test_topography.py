@@ -1,0 +1,128 @@
+"""From heights to a contact map: known contact, scaling, files of instruments."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from flashtemp import topography
+from flashtemp.__main__ import main
+from flashtemp.case import build, load, settings
+from flashtemp.errors import BadInput
+from flashtemp.march import march
+from flashtemp.patterns import read_map
+
+ROUGH = {"length": 0.03, "width": 0.02, "pixel": 1.5e-4, "hurst": 0.85, "rms": 3e-4, "rolloff": 5e-3}
+E = 1.33e7
+pytestmark = pytest.mark.filterwarnings("ignore:Function/property:DeprecationWarning")  # within the libraries
+
+
+@pytest.fixture(scope="module")
+def road():
+    return topography.synthetic(**ROUGH, seed=3)
+
+
+def test_a_synthetic_road_is_what_was_asked_for(road):
+    again = topography.synthetic(**ROUGH, seed=3)
+    np.testing.assert_array_equal(road.heights(), again.heights())
+    assert not np.array_equal(road.heights(), topography.synthetic(**ROUGH, seed=4).heights())
+    assert road.physical_sizes == (0.03, 0.02)
+    assert road.rms_height_from_area() == pytest.approx(3e-4, rel=0.2)
+
+
+def test_a_sphere_touches_as_hertz_says():
+    """One smooth asperity per period: a^3 = 3 F R/(4 E*), far from its images."""
+    from SurfaceTopography import Topography
+
+    n, side, R, p = 200, 0.02, 0.05, 60.0
+    x = (np.arange(n) - n / 2) * side / n
+    heights = -(x[:, None] ** 2 + x[None] ** 2) / (2 * R)
+    found = topography.press(Topography(heights, (side, side), periodic=True), p, E, 2.01 * side / n)
+    radius = (3 * p * side**2 * R / (4 * E)) ** (1 / 3)
+    assert found.number == 1
+    assert found.diameter == pytest.approx(2 * radius, rel=0.06)
+
+
+def test_contact_grows_with_pressure_and_falls_with_resolution(road):
+    """Linear in pressure while it is small (C of rough contact), less where finer asperities carry the load."""
+    low, high = (topography.press(road, p, E, 1e-3).fraction for p in (1e5, 2e5))
+    assert high / low == pytest.approx(2.0, rel=0.15)
+    fine = topography.press(road, 1e5, E, 4e-4).fraction
+    assert fine < 0.85 * low
+
+
+def test_the_command_makes_a_map_that_a_case_runs_on(tmp_path, capsys):
+    out = tmp_path / "road.npz"
+    given = [f"--{k}={v}" for k, v in ROUGH.items()]
+    assert main(["spots", "--synthetic", *given, "--cutoff", "1e-3", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    ground = read_map(out, "k")
+    assert ground.covered.mean() == pytest.approx(told["fraction"])
+    assert ground.repeat == pytest.approx(0.03)
+    (tmp_path / "case.toml").write_text(
+        f"""effects = ["resolved_spots"]
+[block]
+length = 0.015
+width = 0.02
+height = 0.003
+[contact]
+spot_fraction = {told["fraction"]}
+spot_diameter = {told["diameter"]}
+[schedule]
+distance = 0.004
+[resolved_spots]
+contact_map = "road.npz"
+[numerics]
+cells = [30, 8, 8]
+across = 40
+first_x = 5e-4
+last_x = 5e-4
+[output]
+fields = 3
+"""
+    )
+    case = load(tmp_path)
+    run = march(build(case), settings(case))
+    assert run.maps["cover"].mean() == pytest.approx(told["fraction"], rel=0.35)
+    assert run.energy_imbalance < 1e-10
+    assert run.T_spot[-1].max() > run.T_block[-1].max() + 1.0
+
+
+def test_a_file_of_an_instrument_is_read_in_its_own_unit(road, tmp_path):
+    from SurfaceTopography import Topography
+
+    micro = Topography(1e6 * road.heights(), tuple(1e6 * s for s in road.physical_sizes), unit="um", periodic=True)
+    micro.to_netcdf(tmp_path / "road.nc")
+    read = topography.read(tmp_path / "road.nc")
+    assert read.physical_sizes == pytest.approx((0.03, 0.02))
+    direct, same = (topography.press(t, 1e5, E, 1e-3).fraction for t in (road, read))
+    assert same == pytest.approx(direct, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["--cutoff", "1e-3"], "one FILE"),
+        (["--synthetic", "--cutoff", "1e-5"], "two pixels"),
+        (["--synthetic", "--cutoff", "-1"], "--cutoff"),
+        (["--synthetic", "--cutoff", "1e-3", "--hurst", "1.5"], "--hurst"),
+        (["missing.x3p", "--cutoff", "1e-3"], "no topography"),
+    ],
+)
+def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["spots", *argv, "--out", "a.npz"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert says in said
+    assert "\n" not in said
+    assert not (tmp_path / "a.npz").exists()
+
+
+def test_without_the_library(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
+    with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
+        topography.read("a.x3p")

@@ -142,15 +142,15 @@ class Slab(_Solid):
         up, down = np.zeros(mesh.n_lines), np.zeros(mesh.n_lines)
         on = slice(mesh.first, mesh.last)
         up[on], down[on] = (a.reshape(-1, n).sum(axis=1) for a in (self.up, self.down))
+        if not (self.stretch != 1.0).any():  # what is off leaves no trace
+            self.stretch = b.ones
+        if not (self.kf != 1.0).any():
+            self.kf = b.ones
         if self.kf is b.ones:
             gx, gz = b.gx, b.gz
         else:
             gx, gz = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
             kernels.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, mesh.planes(self.kf) @ share, gx, gz)
-        if not (self.stretch != 1.0).any():
-            self.stretch = b.ones
-        if not (self.kf != 1.0).any():
-            self.kf = b.ones
         stretch = np.ones(mesh.n_plane) if self.stretch is b.ones else mesh.planes(self.stretch) @ share
         kernels.factorise(
             mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry, b.slope, b.g_in, gamma,

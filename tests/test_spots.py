@@ -13,7 +13,7 @@ from flashtemp.effects.resolved_spots import ResolvedSpots
 from flashtemp.errors import BadInput
 from flashtemp.mesh import Mesh
 from flashtemp.meshes.grading import geometric
-from flashtemp.patterns import ContactMap, discs, read_map
+from flashtemp.patterns import ContactMap, Discs, discs, read_map
 from flashtemp.stage import Stage
 
 D, PHI = 3e-3, 0.2
@@ -123,6 +123,20 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     q, period = 1e5 * speed / phi, D / phi / speed
     found = (spot - mean) / (q * np.sqrt(period) / lab.RUBBER.effusivity)
     lab.check(f"V12 stripes, phi = {phi:g}, relative", abs(found / excess - 1), 0.03)
+
+
+@pytest.mark.parametrize("n", [8, 16])
+def test_V11_one_disc_on_fresh_rubber(lab, n):
+    """Mean over a disc of `n` cells that has moved by two diameters: 0.6885 q sqrt(D/v)/e; the road takes no heat."""
+    speed, length, width = 0.1, 0.016, 0.006
+    road = Discs(D, 1.0, np.array([[0.005, 0.0]]))
+    mesh = even(round(length / D * n), length, height=2e-3, cells=16, planes=round(width / D * n), width=width)
+    scene = resolved(lab, mesh, road=lab.NO_ROAD, time=2 * D / speed, speed=speed, contact_map=road)
+    run, _ = lab.slide(scene, rtol=1e-3)
+    cover, spot = run.maps["cover"][-1], run.maps["T_spot"][-1] - run.ambient_degC
+    q = 1e5 * speed * length * width / (np.pi * D**2 / 4)
+    exact = 0.6885457813 * q * np.sqrt(D / speed) / lab.RUBBER.effusivity
+    lab.check(f"V11 one disc of {n} cells, relative", abs((cover * spot).sum() / cover.sum() / exact - 1), 0.015)
 
 
 def test_load_is_carried_by_the_spots_that_are_there(lab):

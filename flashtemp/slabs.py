@@ -106,55 +106,6 @@ def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, 
 
 
 @njit(cache=True)
-def across_factors(reach, before, after, up, inv, mul):
-    """Factors of 1 - reach d2/dy2 (planes,), `reach` = gamma times diffusivity in m2."""
-    n = len(before)
-    for j in range(n):
-        up[j] = -reach * after[j]
-        d = 1.0 + reach * (before[j] + after[j])
-        mul[j] = 0.0
-        if j > 0:
-            mul[j] = -reach * before[j] * inv[j - 1]
-            d -= mul[j] * up[j - 1]
-        inv[j] = 1.0 / d
-
-
-@njit(cache=True)
-def across(r, z, first, last, up, inv, mul):
-    """z = (1 - reach d2/dy2)^-1 r on rows first..last-1, four at a time so that their chains overlap."""
-    ny = r.shape[1]
-    c = first
-    while c < last:
-        e = min(c + 1, last - 1)
-        f = min(c + 2, last - 1)
-        g = min(c + 3, last - 1)
-        u, v, w, x = r[c, 0], r[e, 0], r[f, 0], r[g, 0]
-        z[c, 0], z[e, 0], z[f, 0], z[g, 0] = u, v, w, x
-        for j in range(1, ny):
-            s = mul[j]
-            u = r[c, j] - s * u
-            v = r[e, j] - s * v
-            w = r[f, j] - s * w
-            x = r[g, j] - s * x
-            z[c, j] = u
-            z[e, j] = v
-            z[f, j] = w
-            z[g, j] = x
-        u = v = w = x = 0.0
-        for j in range(ny - 1, -1, -1):
-            s, d = up[j], inv[j]
-            u = (z[c, j] - s * u) * d
-            v = (z[e, j] - s * v) * d if e > c else u
-            w = (z[f, j] - s * w) * d if f > e else v
-            x = (z[g, j] - s * x) * d if g > f else w
-            z[c, j] = u
-            z[e, j] = v
-            z[f, j] = w
-            z[g, j] = x
-        c += 4
-
-
-@njit(cache=True)
 def _less(z, to, factor, source, ny):
     """z[to] -= factor z[source], one row."""
     for j in range(ny):
@@ -200,14 +151,11 @@ def _row(z, c, share, ny):
 
 
 @njit(cache=True)
-def sweep(
-    start, m, first, capacity, weight, share, gamma, up, down, under, over, inv, mul, low, low2, high, y_up, y_inv,
-    y_mul, r, z,
-):  # fmt: skip
-    """z = P^-1 (capacity r), P = P_xz C^-1 P_y: every row across, then lines downstream, then corrected back.
+def sweep(start, m, first, capacity, weight, share, gamma, up, down, under, over, inv, mul, low, low2, high, r, z):
+    """z = P^-1 (capacity r): lines downstream, then corrected back, all planes at once; nothing flows across.
 
-    `up`, `down`, `under`, `over` (lines under the block, planes); `y_*` (2, planes) of road and block.  Returns the
-    heat (J per metre of width, rows weighted by `weight`) in r and in z.
+    `up`, `down`, `under`, `over` (lines under the block, planes).  Returns the heat (J per metre of width, rows
+    weighted by `weight`) in r and in z.
     """
     n, ny = len(start) - 1, r.shape[1]
     longest = 0
@@ -216,9 +164,6 @@ def sweep(
         a, b = start[i], start[i + 1]
         size = b - a
         longest = max(longest, size)
-        across(r, z, a, a + m, y_up[0], y_inv[0], y_mul[0])
-        if size > m:
-            across(r, z, a + m, b, y_up[1], y_inv[1], y_mul[1])
         p = start[i - 1] if i > 0 else a
         for k in range(size):
             c = a + k
@@ -227,14 +172,14 @@ def sweep(
             if i > 1 and k < m:
                 f, g, old, older = low[c], low2[c], p + k, start[i - 2] + k
                 for j in range(ny):
-                    z[c, j] = w * z[c, j] - f * z[old, j] - g * z[older, j]
+                    z[c, j] = w * r[c, j] - f * z[old, j] - g * z[older, j]
             elif i > 0 and k < a - p:
                 f, old = low[c], p + k
                 for j in range(ny):
-                    z[c, j] = w * z[c, j] - f * z[old, j]
+                    z[c, j] = w * r[c, j] - f * z[old, j]
             else:
                 for j in range(ny):
-                    z[c, j] *= w
+                    z[c, j] = w * r[c, j]
         at = i - first if size > m else 0
         line_solve(a, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, z)
     work = np.empty((longest, ny))

@@ -112,7 +112,6 @@ class Slab(_Solid):
         self.gy = b.conductivity * mesh.volume
         self.none = np.zeros(mesh.n_road * mesh.n_across)
         self.factors = tuple(np.empty(mesh.n_plane) for _ in range(5))
-        self.y_factors = tuple(np.empty((2, mesh.n_across)) for _ in range(3))
         self.weight = np.where(mesh.level < mesh.n_road, b.share, 1.0)
         self.faces = np.concatenate([mesh.road[mesh.first : mesh.last, -1], mesh.block[:, 0]])
         self.face = np.full(mesh.n_plane, -1)  # number of a plane's cell among the faces, if it is one
@@ -135,7 +134,7 @@ class Slab(_Solid):
             )  # fmt: skip
 
     def _factorise(self) -> None:
-        """Factors of the mean plane; then each plane's own pivots at the interface, and those across."""
+        """Factors of the mean plane; then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.mesh, self.mesh.n_across
         share, gamma = mesh.share, self.gamma
         own = np.bincount(self.cell // n, self.slope, mesh.n_plane)
@@ -165,10 +164,6 @@ class Slab(_Solid):
         local = local.reshape(-1, n) / share
         pivot = 1.0 / (1.0 / self.factors[0][self.faces][:, None] - gamma * (local - own[self.faces][:, None]))
         self.pivots = pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :]
-        up_y, inv_y, mul_y = self.y_factors
-        for body, material in enumerate((b.scene.road, b.scene.block)):
-            reach = gamma * material.diffusivity
-            slabs.across_factors(reach, self.before, self.after, up_y[body], inv_y[body], mul_y[body])
 
     def solve(self, r, z, net) -> None:
         """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings.
@@ -178,7 +173,7 @@ class Slab(_Solid):
         b, mesh = self.b, self.mesh
         given, kept = slabs.sweep(
             mesh.start, mesh.n_road, mesh.first, b.capacity, self.weight, mesh.share, self.gamma, *self.crossing,
-            *self.pivots, *self.factors, *self.y_factors, mesh.planes(r), mesh.planes(z),
+            *self.pivots, *self.factors, mesh.planes(r), mesh.planes(z),
         )  # fmt: skip
         if self.stretch is not b.ones:
             kept = (self.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)

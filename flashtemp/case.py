@@ -206,6 +206,7 @@ def build(case: Case) -> Scene:
             f"block.height: {v.block.height:g} m is not more than the {worn:g} m worn off its face at the start; "
             "give that profile in m"
         )
+    laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
     mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / v.block.length
     if not mean > 0:
         raise BadInput(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from flashtemp.__main__ import main
 from flashtemp.balance import Balance
 from flashtemp.effects.resolved_spots import ResolvedSpots
 from flashtemp.errors import BadInput
@@ -156,3 +158,19 @@ def test_spots_draw_tracks_that_stay(lab):
     lanes = face[-8:].mean(axis=0)
     assert lanes.max() > 3 * max(lanes.min(), 1e-3)
     assert face[cover > 0.9].mean() > 1.3 * face.mean()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("contact.spot_fraction=0.7", "at random"),
+        ("resolved_spots.pattern=hexagonal", "give random, regular, stripes"),
+        ("resolved_spots.contact_map=none.npz", "no contact map"),
+    ],
+)
+def test_a_case_whose_spots_cannot_be_is_refused_before_it_runs(given, says, capsys):
+    case = Path(__file__).parents[1] / "cases" / "resolved_spots"
+    assert main(["check", str(case), given]) == 2
+    said = capsys.readouterr().err.strip()
+    assert says in said
+    assert "\n" not in said

@@ -81,10 +81,12 @@ def _along(share: np.ndarray, pixel: float) -> np.ndarray:
     return np.concatenate([np.zeros((len(share), 1)), np.cumsum(share, axis=1) * pixel], axis=1)
 
 
-def discs(pattern: str, diameter: float, fraction: float, width: float, length: float, seed: int) -> Discs:
+def discs(
+    pattern: str, diameter: float, fraction: float, width: float, length: float, seed: int, key: str = "pattern"
+) -> Discs:
     """Discs that cover `fraction` of a road of `width`, repeated after about `length` (m): "regular" or "random".
 
-    Raises BadInput where discs cannot be placed without overlap.
+    Raises BadInput, which begins with `key`, where discs cannot be placed without overlap.
 
     >>> road = discs("regular", 3e-3, 0.2, 0.05, 0.05, 1)
     >>> round(len(road.centres) * 3.14159265 * 2.25e-6 / (road.repeat * 0.05), 6)
@@ -110,7 +112,7 @@ def discs(pattern: str, diameter: float, fraction: float, width: float, length: 
         if len(sites) == number:
             return Discs(diameter, repeat, sites - (0.0, 0.5 * width))
     raise BadInput(
-        f"resolved_spots.pattern: {number} discs cannot be placed at random at contact.spot_fraction = {fraction:g}; "
+        f"{key}: {number} discs cannot be placed at random at contact.spot_fraction = {fraction:g}; "
         'give a smaller fraction or "regular"'
     )
 

@@ -33,7 +33,7 @@ class Spots:
     diameter: float
 
     def save(self, file: Path) -> None:
-        """Write the .npz that `resolved_spots.contact_map` reads."""
+        """Write the .npz that `patterns.read_map` reads."""
         about = {k: getattr(self, k) for k in ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")}
         with Path(file).open("wb") as out:
             np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)

@@ -57,7 +57,7 @@ class ResolvedSpots(Effect):
             elif p.pattern == "stripes":
                 road = Stripes(D, phi)
             else:
-                road = discs(p.pattern, D, phi, scene.width, p.repeat, p.seed)
+                road = discs(p.pattern, D, phi, scene.width, p.repeat, p.seed, "resolved_spots.pattern")
             return road.repeat, road.area(scene.mesh.y, scene.width)
 
         def cover(T, now, p):

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -81,6 +81,21 @@ class Found:
         return self.viscous + self.adhesive
 
 
+@lru_cache(maxsize=16)
+def _angular(rubber: Rubber):
+    """ln int |E|^2 dphi and int cos phi Im E dphi over its root, against ln(q v a_T); E over 1 - nu^2, Pa."""
+    x, w = np.polynomial.legendre.leggauss(ANGLES)
+    cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
+    E = rubber.modulus(np.multiply.outer(np.exp(LOGS), cos)) / (1.0 - rubber.poisson**2)
+    square = (np.abs(E) ** 2) @ w
+    return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, (E.imag * cos) @ w / np.sqrt(square))
+
+
+@lru_cache(maxsize=16)
+def _cut(theory: Theory, q: float) -> Theory:
+    return replace(theory, road=replace(theory.road, q1=q))
+
+
 @dataclass(frozen=True)
 class Theory:
     """Rubber on a road: what the theory needs beside speed, temperature and pressure.
@@ -115,15 +130,6 @@ class Theory:
         """Wavenumbers (n,) of the nodes, 1/m."""
         return self._nodes[0].ravel()
 
-    @cached_property
-    def _angular(self):
-        """ln int |E|^2 dphi and int cos phi Im E dphi over its root, against ln(q v a_T)."""
-        x, w = np.polynomial.legendre.leggauss(ANGLES)
-        cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
-        E = self.rubber.modulus(np.multiply.outer(np.exp(LOGS), cos)) / (1.0 - self.rubber.poisson**2)
-        square = (np.abs(E) ** 2) @ w
-        return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, (E.imag * cos) @ w / np.sqrt(square))
-
     def up_to(self, values: np.ndarray) -> np.ndarray:
         """Integrals of q-densities (..., n) from q0 up to every node."""
         q, weight, half, rising = self._nodes
@@ -146,7 +152,7 @@ class Theory:
         shape = np.broadcast_shapes(v.shape, p.shape, T.shape[:-1], surface.shape)
         v, p, T = (np.broadcast_to(a, (*shape, a.shape[-1])) for a in (v[..., None], p[..., None], T))
         q = self.q
-        square, loss = self._angular
+        square, loss = _angular(self.rubber)
         x = np.log(q * v * self.rubber.factor(T))
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
@@ -187,4 +193,4 @@ class Theory:
 
     def contact(self, q, v, T, p):
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
-        return replace(self, road=replace(self.road, q1=q))(v, T, p).area
+        return _cut(self, q)(v, T, p).area

@@ -69,8 +69,8 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, g
     """Fluxes (and with `slopes` their derivatives) for first-cell temperatures T0, Ts in K (lines,).
 
     `under` K is the temperature of the entering road, `half_block`, `half_road` half-cell
-    resistances m2 K/W, `friction(T, apart)` the friction coefficient at the spot temperature; `apart`
-    asks for its slope in T alone.
+    resistances m2 K/W, `friction(T, face, apart)` the friction coefficient at the temperatures in the spots and of the
+    block's face around them; `apart` asks for slopes in these alone.
     Raises SolverFailure when the friction law has no consistent temperature.
     """
     A = state.half * half_block + state.flash
@@ -80,7 +80,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, g
     gain = state.surface * (state.split * state.r + fh) - state.deep
     a = T0 - A * g * drop
     b = (A * g * gain + state.deep) * state.m
-    T, mu, dmu = _spot_temperature(a, b, friction, guess)
+    T, mu, dmu = _spot_temperature(a, b, T0, friction, guess)
     q = state.m * mu
     J = g * (gain * q - drop)
     S = state.surface * q - J
@@ -89,21 +89,24 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, g
     if not slopes:
         return out
     rise = 1.0 / (1.0 - b * dmu)
-    T0, T1 = rise * (1.0 - A * g), rise * (A * g * state.lane)
-    q0, q1 = state.m * dmu * T0, state.m * dmu * T1
+    beside = friction(T, np.real(T0) + 1j * STEP, True).imag / STEP
+    T0, T1 = rise * (1.0 - A * g + b * beside), rise * (A * g * state.lane)
+    mu0, mu1 = dmu * T0 + beside, dmu * T1
+    q0, q1 = state.m * mu0, state.m * mu1
     J0, J1 = g * (gain * q0 - 1.0), g * (gain * q1 + state.lane)
     s = state.surface
-    return out, Slopes((J0, J1), (s * q0 - J0, s * q1 - J1), (q0, q1), (T0, T1), (dmu * T0, dmu * T1))
+    return out, Slopes((J0, J1), (s * q0 - J0, s * q1 - J1), (q0, q1), (T0, T1), (mu0, mu1))
 
 
-def _spot_temperature(a, b, friction, guess):
-    """Solve T = a + b mu(T) for every line; derivatives of a and b pass through exactly."""
-    T, derived = np.array(np.real(a) if guess is None else guess), np.iscomplexobj(a) or np.iscomplexobj(b)
+def _spot_temperature(a, b, face, friction, guess):
+    """Solve T = a + b mu(T, face) for every line; derivatives of a, b and face pass through exactly."""
+    T = np.array(np.real(a) if guess is None else guess)
+    derived = any(np.iscomplexobj(v) for v in (a, b, face))
     for attempt in range(60):
-        value = friction(T + 1j * STEP, True)
+        value = friction(T + 1j * STEP, np.real(face), True)
         mu, dmu = value.real, value.imag / STEP
         if not np.any(dmu):
-            mu = friction(a)
+            mu = friction(a, face)
             return a + b * mu, mu, np.zeros_like(np.real(a))
         slope = 1.0 - b.real * dmu
         step = (T.real - a.real - b.real * mu) / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
@@ -112,7 +115,7 @@ def _spot_temperature(a, b, friction, guess):
         T = T - step
         if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
             if derived:  # one complex step at the solution carries the derivative
-                mu = friction(T)
+                mu = friction(T, face)
                 turn = (T - a - b * mu) / slope
                 T, mu = T - turn, mu - dmu * turn
             else:

@@ -184,8 +184,8 @@ class Footprint:
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
-        def friction(T, apart=False):
-            return laws("friction.mu", 0.0, T, bare if apart else at) + 0.0 * T
+        def friction(T, face, apart=False):
+            return laws("friction.mu", 0.0, T, (bare if apart else at)._replace(face=face)) + 0.0 * T
 
         return contact.solve(
             state,

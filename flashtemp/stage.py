@@ -115,18 +115,20 @@ class Stage:
         meeting = self.footprint.meet(now, b.worn_depth(y), T, T_in, kf, slopes=True)
         state, d = meeting.state, meeting.slopes
         b.sites.slopes(self.footprint.at(state, now), T, kf, own, rows)
-        self.coupling = None
+        self.coupling = deposits = None
         up = down = np.zeros(len(b.cell_block))
         if d is not None:
             face, lane = state.block * mesh.column_area, state.road * mesh.column_area
             deep = face * (1.0 - state.surface)
+            if len(b.weight) and np.any(d.mu):
+                deposits = face * d.heat[0], face * d.heat[1]
             own += [(b.cell_block, face * d.block[0] + deep * d.heat[0]), (b.cell_road, lane * d.road[1])]
             up, down = lane * d.road[0], face * d.block[1] + deep * d.heat[1]
             for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road), ("lane_in", lane, d.road)):
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
             if b.abrades:
                 self.coupling = Coupling(self.footprint, meeting, now, T, T_in, kf, self.gamma)
-        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down)
+        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down, deposits)
         before, last, first = (mesh.everywhere(mesh.road[i]) for i in (-2, -1, 0))
         leave, back = (np.outer(self.carry, mesh.share) * self.stretch[cells] for cells in (last, before))
         rows["lane_out"] += [

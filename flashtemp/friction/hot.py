@@ -5,7 +5,7 @@
 >>> theory = persson.Theory(rheology.READY["A"], roughness.READY["asphalt A"])
 >>> cold, hot = branches(theory, LIBRARY["tread_rubber"], Spots(3e-3), [0.1], 293.15, 1.5e5)
 >>> print(f"{cold.viscous[0]:.3f} {hot.viscous[0]:.3f}")
-0.428 0.323
+0.428 0.324
 """
 
 from __future__ import annotations

@@ -6,8 +6,9 @@ A wavenumber q feels T_q = int 2q exp(-2qz) T dz; heat of wavenumber q' decays a
 
 with K(a, b, D tau) = ab/(b^2 - a^2) [b erfcx(a sqrt(D tau)) - a erfcx(b sqrt(D tau))] (theory 1.6, V4).
 
->>> print(f"{kernel(2e4, 2e4, 0.01 * 1.225490e-7):.4f} {kernel(2e4, 2e5, 0.01 * 1.225490e-7):.4f}")
-8003.3475 10462.5656
+>>> age = 0.01 * 0.25 / (1200 * 1700)
+>>> print(f"{kernel(2e4, 2e4, age):.4f} {kernel(2e4, 2e5, age):.4f}")
+8003.3472 10462.5656
 >>> round(float(overlap(0.0)), 9), round(overlap_integral(1.0), 6)
 (1.0, 1.220416)
 """

@@ -191,6 +191,10 @@ class Theory:
         """Gauss weights dq (n,) of the nodes, 1/m."""
         return self._nodes[1].ravel()
 
-    def contact(self, q, v, T, p):
+    def upto(self, q: float) -> Theory:
+        """The theory of the same road without waves shorter than those of q (1/m)."""
+        return _cut(self, q)
+
+    def contact(self, q: float, v, T, p):
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
-        return _cut(self, q)(v, T, p).area
+        return self.upto(q)(v, T, p).area

@@ -232,6 +232,10 @@ def test_the_picture_shows_points_and_law():
         (["flat.npy", "--out", "a.csv", "--pixel", "-1"], "--pixel"),
         (["flat.npy", "--out", "a.csv", "--pixel", "1e-4", "--profile"], "2 dimensions"),
         (["flat.npy", "--out", "a.npz", "--pixel", "1e-4"], ".csv"),
+        (["flat.csv", "--out", "a.csv", "--profile"], "give one from 1e-9"),
+        (["empty.npy", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
+        (["empty.txt", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
+        (["lost.csv", "--out", "a.csv", "--profile"], "100 % are missing"),
         (["steps.csv", "--out", "a.csv", "--profile"], "even steps"),
         (["metres.csv", "--out", "a.csv", "--profile"], "rms height"),
         (["holes.npy", "--out", "a.csv", "--pixel", "1e-4"], "missing"),
@@ -243,6 +247,10 @@ def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys, monkeypat
     np.save("flat.npy", np.zeros((32, 32)))
     np.save("holes.npy", np.where(np.arange(1024).reshape(32, 32) % 3 == 0, 1e-3, np.nan))
     Path("steps.csv").write_text("x,z\nmm,mm\n0,1\n1,2\n5,1\n")
+    Path("empty.npy").touch()
+    Path("empty.txt").touch()
+    Path("flat.csv").write_text("x,z\nmm,mm\n" + "".join(f"{i},1\n" for i in range(200)))
+    Path("lost.csv").write_text("x,z\nmm,mm\n" + "".join(f"{i},NaN\n" for i in range(200)))
     rough = np.random.default_rng(0).standard_normal(200)
     Path("metres.csv").write_text("x,z\n" + "".join(f"{i},{z:.3f}\n" for i, z in enumerate(rough)))
     assert main(["spectrum", *argv]) == 2

@@ -118,6 +118,8 @@ def spectrum(
 
 def _heights(file: Path, profile: bool, pixel: float | None):
     """Heights in m, (n,) of a line or (nx, ny), missing ones nan, and their distance in m."""
+    import warnings
+
     import numpy as np
 
     from flashtemp import topography
@@ -125,10 +127,12 @@ def _heights(file: Path, profile: bool, pixel: float | None):
 
     if pixel is not None:
         try:
-            bare = np.load(file) if file.suffix == ".npy" else np.loadtxt(file, encoding="utf-8-sig")
-        except (ValueError, OSError, EOFError) as fault:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", UserWarning)  # an empty file
+                bare = np.load(file) if file.suffix == ".npy" else np.loadtxt(file, encoding="utf-8-sig")
+            bare = np.squeeze(np.asarray(bare, dtype=float))
+        except (ValueError, TypeError, OSError, EOFError, UserWarning) as fault:
             raise BadInput(f"{file}: no table of heights; leave out --pixel for files with a header") from fault
-        bare = np.squeeze(np.asarray(bare, dtype=float))
         if bare.ndim != (1 if profile else 2):
             raise BadInput(f"{file}: {bare.ndim} dimensions; give rows of heights, or one line with --profile")
         return bare, pixel

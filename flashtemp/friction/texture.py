@@ -103,8 +103,12 @@ def read_profile(file: Path, key: str = "profile") -> tuple[np.ndarray, float]:
 
 
 def without_spikes(heights: np.ndarray) -> np.ndarray:
-    """Heights with nan for those more than ten robust standard deviations from the median: dropouts, end plates."""
+    """Heights with nan for those more than ten robust standard deviations from the median: dropouts, end plates.
+
+    Raises BadInput where most are missing.
+    """
     h = np.array(heights, dtype=float)
+    _missing(h)
     away = np.abs(h - np.nanmedian(h))
     limit = SPIKE * 1.4826 * np.nanmedian(away)
     return np.where(away > limit, np.nan, h) if limit > 0 else h
@@ -135,6 +139,8 @@ def of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> Poi
     waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises as `of_topography`.
     """
     k, S = _line_spectrum(heights, step)
+    if len(k) < 3 or not np.all(S > 0):
+        raise BadInput("profile: the heights are flat; give a rough surface")
     C = isotropic(k, S)
     keep = k <= np.pi / step / 2
     return _points(k[keep], C[keep], min(longest, np.pi / k[0]), "profile")
@@ -236,24 +242,26 @@ def _line(x, y, weight) -> tuple[np.ndarray, float]:
 def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """k (1/m) and the two-sided S (m^3), mean of the lines."""
     lines = np.atleast_2d(np.asarray(heights, dtype=float))
-    found = [_scan(h, step).power_spectrum_from_profile(nb_points_per_decade=PER_DECADE_LINE) for h in lines]
+    scans = [_scan(h, step, cut=len(lines) == 1) for h in lines]
+    found = [s.power_spectrum_from_profile(nb_points_per_decade=PER_DECADE_LINE) for s in scans]
     full = ~np.ma.getmaskarray(found[0][1])
     return np.asarray(found[0][0])[full], np.mean([np.asarray(C)[full] for _, C in found], axis=0) / (2 * np.pi)
 
 
-def _scan(heights: np.ndarray, step: float):
-    """A line without tilt; gaps bridged by straight lines, missing ends cut."""
+def _scan(heights: np.ndarray, step: float, cut: bool = True):
+    """A line without tilt; gaps bridged by straight lines, missing ends `cut` or held."""
     h = np.asarray(heights, dtype=float)
     if _missing(h):
         there = np.flatnonzero(np.isfinite(h))
-        h = np.interp(np.arange(there[0], there[-1] + 1), there, h[there])
+        span = (there[0], there[-1] + 1) if cut else (0, len(h))
+        h = np.interp(np.arange(*span), there, h[there])
     if h.ndim != 1 or len(h) < 64:
         raise BadInput(f"profile: {len(h)} heights; give 64 or more")
     return library().UniformLineScan(h, len(h) * step).detrend("height")
 
 
 def _missing(h: np.ndarray) -> bool:
-    share = np.mean(~np.isfinite(h))
+    share = np.mean(~np.isfinite(h)) if h.size else 1.0
     if share > MOST_MISSING:
         raise BadInput(f"heights: {100 * share:.0f} % are missing; give a measurement with half of them or more")
     return share > 0

@@ -38,7 +38,7 @@ class _Solid:
 
         `carry` (n_road,) rho c v dz; `own` [(cells, slopes)] heat per rise on the diagonal, `up`, `down`
         (columns,) across the interface: d(road heat)/d(block T) and d(block heat)/d(road T).  `deposits`: slopes
-        (columns,) of the friction heat with both temperatures; in P all its deep part heats the cells at the face.
+        (columns,) of the heat in depth with both temperatures; in P it is in the cells at the face.
         """
         self.gamma, self.kf, self.carry, self.stretch = gamma, kf, carry, stretch
         self.cell = np.concatenate([np.empty(0, dtype=np.int64), *(np.ravel(cells) for cells, _ in own)])
@@ -53,7 +53,7 @@ class _Solid:
         kernels.add_slopes(self.cell, self.slope, b.cell_road, b.cell_block, self.up, self.down, T, out)
         if self.deposits is not None:
             power = self.deposits[0] * T[b.cell_block] + self.deposits[1] * T[b.cell_road]
-            out[b.cell_block] -= b.weight.sum() * power
+            out[b.cell_block] -= power
             kernels.deposit(b.deep_cells, b.weight, power, out)
         h = T if b.capacity_gradient is None else T * self.stretch
         self.flows(T, h, self.none, self.none, self.kf, self.carry, out)

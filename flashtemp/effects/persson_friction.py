@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import erf
@@ -73,14 +73,18 @@ class PerssonFriction(Effect):
     def heat(self, scene, p):
         """Factor on friction.mu, on the contact fraction, and deposits in depth."""
 
-        @cache
-        def friction():
-            return _tabulated(scene, p)
+        if p.weight == 0:
+            return
+        look = table.Reading(lambda: _tabulated(scene, p))
+        depths = inputs.depths(p.theory, scene.speeds, scene.ambient, scene.load, SHALLOW) if p.in_depth else []
+        inside = sum(share for share, _ in depths)
 
         def law(T, now, p):
-            face = T if now.face is None else now.face
-            local = np.where(np.real(now.local_pressure) > 1.0, now.local_pressure, 1.0)
-            return 1.0 + p.weight * (friction().at(now.speed)(T, face, local) - 1.0)
+            return 1.0 + p.weight * (look(T, now)[0] - 1.0)
+
+        def parted(T, now, p):
+            mu, deep = look(T, now)
+            return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
         @lru_cache(maxsize=2)
         def yielding(v):  # Pa: P = erf(p/(2 root)), for G falls as 1/p^2
@@ -91,21 +95,19 @@ class PerssonFriction(Effect):
             covered = erf(0.5 * now.local_pressure / yielding(max(now.last_speed, table.SLOWEST)))
             return 1.0 + p.weight * (covered / now.base - 1.0)
 
-        if p.weight > 0:
-            yield Factor("friction.mu", law)
-            if p.spots == "theory":
-                yield Factor("contact.spot_fraction", fraction)
-            if p.in_depth:
-                for share, depth in inputs.depths(p.theory, scene.speeds, scene.ambient, scene.load, SHALLOW):
-                    yield Deposit(p.weight * share, depth)
-
-        if p.weight > 0 and not p.extrapolate and (beyond := self.remarks(scene, p)):
-            raise BadInput(f"persson_friction.extrapolate: false, but {beyond[0]}; measure further, or allow it")
+        yield Factor("friction.mu", law)
+        if p.spots == "theory":
+            yield Factor("contact.spot_fraction", fraction)
+        for share, depth in depths:
+            yield Deposit(p.weight * share, depth)
+        if depths:
+            yield Factor("friction.in_depth", parted)
+        if not p.extrapolate and (said := self.remarks(scene, p)):
+            raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
 
     def remarks(self, scene, p):
         """Friction from beyond what was measured."""
-        said = [inputs.beyond(p.theory, v, scene.ambient, scene.load) for v in scene.speeds]
-        return list(dict.fromkeys(line for lines in said for line in lines))
+        return inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load)
 
     def leave(self, scene, p, folder):
         """The table of friction, which a repeated run takes up again."""
@@ -113,6 +115,5 @@ class PerssonFriction(Effect):
             _tabulated(scene, p).save(folder)
 
 
-def _tabulated(scene, p) -> table.Table:
-    rubber, diameter = scene.block, scene.spot_diameter
-    return table.tabulate(p.theory, rubber, diameter, scene.speeds, scene.load, scene.ambient, p.folder)
+def _tabulated(s, p) -> table.Table:
+    return table.tabulate(p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, SHALLOW, p.folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ KELVIN = 273.15
 BEYOND = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
 PER_DECADE = 3.0  # deposits in depth
 PRESSED = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
+SKEW_GRID = 128  # points along a side of the roads on which skewness is solved
 CREEP = 0.1  # m/s, at which the modulus that macroasperities feel is taken
 
 
@@ -29,7 +31,7 @@ def theory(values: dict[str, Any], folder, table: str) -> Theory:
         payne = Payne(values["payne_rest"], values["payne_strain"])
     road = _road(values, folder, table)
     plain = Theory(_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne)
-    return replace(plain, enlarged=_enlarged(values, plain))
+    return replace(plain, enlarged=_enlarged(values["flattened"], values["work_of_adhesion"], plain))
 
 
 def _rubber(values, folder, table: str) -> rheology.Rubber:
@@ -77,18 +79,20 @@ def _unknown(key: str, name: str, ready, otherwise: str) -> str:
     return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
 
 
-def _enlarged(values, plain: Theory) -> tuple:
-    """What skewness and work of adhesion do to the area."""
+@lru_cache(maxsize=32)
+def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
+    """What skewness and work of adhesion do to the area; skewness takes seconds."""
     parts = []
-    if values["flattened"] < 1.0:
+    if flattened < 1.0:
         from flashtemp.friction import skew
 
-        parts.append(skew.skewed(values["flattened"], low_modulus(plain), PRESSED))
-    if values["work_of_adhesion"] > 0.0:
+        pressed = tuple(PRESSED.tolist())
+        parts.append(skew.skewed(flattened, low_modulus(plain), pressed, SKEW_GRID, road=plain.road))
+    if work > 0.0:
         from flashtemp.friction import attraction
 
         rest = replace(plain, payne=None)
-        parts.append(attraction.attracted(rest, CREEP, 293.15, values["work_of_adhesion"], PRESSED))
+        parts.append(attraction.attracted(rest, CREEP, 293.15, work, PRESSED, viscous=0.0))
     return tuple(parts)
 
 
@@ -116,8 +120,13 @@ def depths(theory: Theory, speeds, T: float, p: float, shallow: float) -> list[t
     return [(s, d) for s, d in out if s > 1e-6]
 
 
-def beyond(theory: Theory, v: float, T: float, p: float) -> list[str]:
-    """In words: how much friction comes from frequencies or wavenumbers that nobody measured."""
+def beyond(theory: Theory, speeds, T: float, p: float) -> list[str]:
+    """In words: how much friction comes from frequencies or wavenumbers that nobody measured; speeds in m/s, T in K."""
+    said = [line for v in speeds for line in _beyond(theory, v, T, p)]
+    return list(dict.fromkeys(said))
+
+
+def _beyond(theory: Theory, v: float, T: float, p: float) -> list[str]:
     found = theory(v, T, p)
     share = found.density * found.weight / np.maximum(found.viscous, 1e-300)
     low, high = theory.rubber.modulus.reach

@@ -7,6 +7,7 @@ the passage of spots, s(q) the share of the flash temperature that its depth 1/(
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -25,6 +26,7 @@ KELVIN = 273.15
 BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
 PRESSURES, REACH = 7, 12.0  # nodes, from the mean nominal pressure over REACH to REACH times it
 PER_DECADE = 12  # of speed, where it varies
+LIGHT = 1.0  # Pa: below, friction is that at this pressure
 SLOWEST = 1e-7  # m/s: friction at rest is that of creep
 
 
@@ -61,24 +63,30 @@ def _place(value, low, step, count):
 
 @njit(cache=True)
 def _interpolate(values, lows, steps, face, spot, logp, out):
-    """Tricubic through 64 neighbours for every element of face, spot and logp, real or complex."""
-    a, b, c = values.shape
-    for n in range(len(out)):
+    """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
+    _, a, b, c = values.shape
+    for n in range(out.shape[1]):
         i, x = _place(face[n], lows[0], steps[0], a)
         j, y = _place(spot[n], lows[1], steps[1], b)
         k, z = _place(logp[n], lows[2], steps[2], c)
         wx, wy, wz = _weights(x), _weights(y), _weights(z)
-        total = 0.0 * x
-        for p in range(4):
-            for q in range(4):
-                row = values[i + p, j + q]
-                total += wx[p] * wy[q] * (wz[0] * row[k] + wz[1] * row[k + 1] + wz[2] * row[k + 2] + wz[3] * row[k + 3])
-        out[n] = total
+        for field in range(2):
+            total = 0.0 * x
+            for p in range(4):
+                for q in range(4):
+                    row = values[field, i + p, j + q]
+                    total += (
+                        wx[p] * wy[q] * (wz[0] * row[k] + wz[1] * row[k + 1] + wz[2] * row[k + 2] + wz[3] * row[k + 3])
+                    )
+            out[field, n] = total
 
 
 @dataclass(frozen=True)
 class Slice:
-    """mu at one speed: `values` (faces, spots, pressures) over temperatures `T` (K) of both, and ln pressure (Pa)."""
+    """Friction at one speed over temperatures `T` (K) of face and spots, and ln pressure (Pa).
+
+    `values` (2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
+    """
 
     T: np.ndarray
     logp: np.ndarray
@@ -90,18 +98,20 @@ class Slice:
         return np.array([x[0] for x in axes]), np.array([x[1] - x[0] for x in axes])
 
     def __call__(self, T_spot, T_face, p):
-        """mu (n,) at spot and face temperatures (K) and pressures (Pa); complex arguments pass derivatives on."""
-        T_spot, T_face, p = np.broadcast_arrays(T_spot, T_face, p)
-        kind = np.result_type(T_spot, T_face, p, float)
-        spot, face, logp = (np.atleast_1d(v).astype(kind) for v in (T_spot, T_face, np.log(p)))
-        out = np.empty(len(face), dtype=kind)
+        """Both (2, n) at spot and face temperatures (K) and pressures (Pa); complex arguments pass derivatives on."""
+        kind = complex if any(np.iscomplexobj(v) for v in (T_spot, T_face, p)) else float
+        out = np.empty((2, len(T_spot)), dtype=kind)
+        face, spot, logp = np.empty((3, len(T_spot)), dtype=kind)
+        face[:], spot[:], logp[:] = T_face, T_spot, np.log(p)
         _interpolate(self.values, *self._grid, face, spot, logp, out)
-        return out if T_spot.ndim else out[0]
+        return out
 
 
 @dataclass(frozen=True)
 class Table:
-    """mu over ln speed, face, spot (both at `T`, K) and ln pressure: `values` (speeds, faces, spots, pressures).
+    """Friction over ln speed, face, spot (both at `T`, K) and ln pressure.
+
+    `values` (speeds, 2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
 
     `error` is the largest deviation from the theory between the nodes, as a share of the largest mu; `made_of` a mark
     of everything that the table follows from.
@@ -143,22 +153,43 @@ class Table:
                 "T_spot": (self.T - KELVIN, "degC"), "pressure": (np.exp(self.logp), "Pa")}  # fmt: skip
         coords = {k: (k, v, {"units": unit}) for k, (v, unit) in axes.items()}
         about = {"units": "1", "long_name": "friction coefficient"}
+        part = {"units": "1", "long_name": "part of mu whose heat is released inside the rubber"}
         attrs = {"largest_error_of_interpolation": self.error, "made_of": self.made_of}
-        return xr.Dataset({"mu": (tuple(axes), self.values, about)}, coords, attrs)
+        return xr.Dataset(
+            {"mu": (tuple(axes), self.values[:, 0], about), "mu_in_depth": (tuple(axes), self.values[:, 1], part)},
+            coords, attrs,
+        )  # fmt: skip
 
 
-def tabulate(theory: Theory, rubber: Material, diameter: float, speeds, p: float, ambient: float, folder=None) -> Table:
+class Reading:
+    """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
+
+    def __init__(self, table: Callable[[], Table]):
+        self._table, self._asked, self._found = table, None, None
+
+    def __call__(self, T, now) -> tuple[np.ndarray, np.ndarray]:
+        """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""
+        asked = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
+        if self._asked is None or any(a is not b for a, b in zip(self._asked, asked, strict=True)):
+            pressed = np.where(np.real(asked[2]) > LIGHT, asked[2], LIGHT)
+            self._asked, self._found = asked, self._table().at(now.speed)(T, asked[1], pressed)
+        return self._found
+
+
+def tabulate(
+    theory: Theory, rubber: Material, diameter: float, speeds, p: float, ambient: float, shallow=0.0, folder=None
+) -> Table:
     """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
 
-    Temperatures reach from a little below `ambient` (K) to far above.  A table of the same theory in `folder` is
-    taken from there.  Raises BadInput where friction is no number.
+    Temperatures reach from a little below `ambient` (K) to far above; heat deeper than `shallow` (m) is in depth.
+    A table of the same theory in `folder` is taken from there.  Raises BadInput where friction is no number.
     """
-    return _tabulated(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, folder)
+    return _tabulated(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
 
 
 @lru_cache(maxsize=8)
-def _tabulated(theory, rubber, diameter, speeds, p, ambient, folder) -> Table:
-    made_of = hashlib.sha256(repr((theory, rubber, diameter, speeds, p, ambient)).encode()).hexdigest()
+def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) -> Table:
+    made_of = hashlib.sha256(repr((theory, rubber, diameter, speeds, p, ambient, shallow)).encode()).hexdigest()
     low, high = (max(v, SLOWEST) for v in speeds)
     count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
     logv = np.linspace(np.log(low), np.log(high), count)
@@ -166,11 +197,11 @@ def _tabulated(theory, rubber, diameter, speeds, p, ambient, folder) -> Table:
     T = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
     if (kept := _kept(folder, made_of)) is not None:
         return Table(logv, T, logp, *kept, made_of)
-    values = np.array([_friction(theory, rubber, diameter, x, T, T, logp) for x in logv])
+    values = np.array([_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
     if not np.all(np.isfinite(values)):
         raise BadInput("persson_friction: friction is no finite number everywhere; check master curve and spectrum")
     found = Table(logv, T, logp, values, np.nan, made_of)
-    return replace(found, error=_deviation(found, theory, rubber, diameter))
+    return replace(found, error=_deviation(found, theory, rubber, diameter, shallow))
 
 
 def _kept(folder, made_of: str):
@@ -182,20 +213,23 @@ def _kept(folder, made_of: str):
     try:
         with xr.open_dataset(Path(folder) / FILE, engine="h5netcdf") as found:
             same = found.attrs.get("made_of") == made_of
-            return (found.mu.values, float(found.attrs["largest_error_of_interpolation"])) if same else None
+            values = np.stack([found.mu.values, found.mu_in_depth.values], axis=1)
+            return (values, float(found.attrs["largest_error_of_interpolation"])) if same else None
     except (OSError, KeyError, AttributeError):
         return None  # damaged: made anew
 
 
-def _friction(theory, rubber, diameter, logv, face, spot, logp) -> np.ndarray:
-    """mu (faces, spots, pressures) at one speed."""
+def _friction(theory, rubber, diameter, logv, face, spot, logp, shallow) -> np.ndarray:
+    """mu and its part in depth (2, faces, spots, pressures) at one speed."""
     v = float(np.exp(logv))
     share = felt(theory.q, rubber, diameter, v)
     T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * share
-    return np.asarray(theory(v, T[:, :, None], np.exp(logp), spot[:, None]).mu)
+    found = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
+    deep = found.weight * (0.5 / found.q >= shallow)
+    return np.array([found.mu, found.density @ deep])
 
 
-def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float) -> float:
+def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float, shallow: float) -> float:
     """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
     middle = 0.5 * (table.T[1:] + table.T[:-1])
     face, spot, logp = middle[::3], middle[1::3], (0.5 * (table.logp[1:] + table.logp[:-1]))[::2]
@@ -203,8 +237,9 @@ def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float) 
     speeds = table.logv if n == 1 else (0.5 * (table.logv[1:] + table.logv[:-1]))[:: max(1, n // 4)]
     worst = 0.0
     for logv in speeds:
-        exact = _friction(theory, rubber, diameter, logv, face, spot, logp)
+        exact = _friction(theory, rubber, diameter, logv, face, spot, logp, shallow)
         a, b, c = np.meshgrid(face, spot, np.exp(logp), indexing="ij")
-        near = table.at(float(np.exp(logv)))(b.ravel(), a.ravel(), c.ravel()).reshape(exact.shape)
+        cut, at = table.at(float(np.exp(logv))), (b.ravel(), a.ravel(), c.ravel())
+        near = cut(*at).reshape(exact.shape)
         worst = max(worst, float(np.max(np.abs(near - exact)) / np.max(table.values)))
     return worst

@@ -43,7 +43,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["conclude"],
     ["page"],
     ["report", "findings"],
-    ["export", "job", "verify", "exact", "decay", "settling", "waiting", "sweep", "topography"],
+    ["export", "job", "verify", "exact", "decay", "settling", "waiting", "sweep", "topography", "loads"],
     ["viz"],
     ["terminal"],
     ["commands"],

@@ -79,21 +79,25 @@ def _unknown(key: str, name: str, ready, otherwise: str) -> str:
     return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
 
 
-@lru_cache(maxsize=32)
 def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
-    """What skewness and work of adhesion do to the area; skewness takes seconds."""
-    parts = []
-    if flattened < 1.0:
-        from flashtemp.friction import skew
+    """What skewness and work of adhesion do to the area."""
+    modulus = low_modulus(plain)
+    skewed = (_skewed(flattened, modulus, plain.road),) if flattened < 1.0 else ()
+    return skewed + ((_attracted(work, replace(plain, payne=None)),) if work > 0.0 else ())
 
-        pressed = tuple(PRESSED.tolist())
-        parts.append(skew.skewed(flattened, low_modulus(plain), pressed, SKEW_GRID, road=plain.road))
-    if work > 0.0:
-        from flashtemp.friction import attraction
 
-        rest = replace(plain, payne=None)
-        parts.append(attraction.attracted(rest, CREEP, 293.15, work, PRESSED, viscous=0.0))
-    return tuple(parts)
+@lru_cache(maxsize=32)
+def _skewed(flattened: float, modulus: float, road: roughness.Spectrum):
+    from flashtemp.friction import skew
+
+    return skew.skewed(flattened, modulus, tuple(PRESSED.tolist()), SKEW_GRID, road=road)
+
+
+@lru_cache(maxsize=32)
+def _attracted(work: float, plain: Theory):
+    from flashtemp.friction import attraction
+
+    return attraction.attracted(plain, CREEP, 293.15, work, PRESSED, viscous=0.0)
 
 
 def low_modulus(theory: Theory) -> float:

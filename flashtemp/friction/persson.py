@@ -101,8 +101,8 @@ class Theory:
     """Rubber on a road: what the theory needs beside speed, temperature and pressure.
 
     `gamma` of S = gamma + (1 - gamma) P^2, the share of stored energy lost where contact is partial; `shear` the
-    stress of the real contact; `saturation` False takes P = 1/sqrt(pi G), without bound; `payne` softens the
-    rubber with strain; `enlarged` changes the area.
+    stress of the real contact; `saturation` False takes the limit of small contact, P = 1/sqrt(pi G) without bound and
+    S = gamma; `payne` softens the rubber with strain; `enlarged` changes the area.
     """
 
     rubber: Rubber
@@ -165,11 +165,10 @@ class Theory:
                 break
             strain = np.sqrt(2 * np.pi) / (P * softer * root)
             new = self.payne(strain)
-            change = np.max(np.abs(new - softer))
-            softer = 0.5 * (softer + new)
-            if change < 1e-9:
+            change, softer = np.max(np.abs(new - softer)), new
+            if change < 1e-8:
                 break
-        S = self.gamma + (1 - self.gamma) * np.minimum(P, 1.0) ** 2
+        S = self.gamma + (1 - self.gamma) * P**2 * self.saturation
         density = 0.5 * q**3 * C * S * P * softer * root * loss(x)
         stretch = np.sum(rate * self.weight, axis=-1)
         area = self._fraction(stretch)

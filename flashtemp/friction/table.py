@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -165,7 +165,7 @@ class Reading:
     """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
 
     def __init__(self, table: Callable[[], Table]):
-        self._table, self._asked, self._found = table, None, None
+        self._table, self._asked, self._found = cache(table), None, None
 
     def __call__(self, T, now) -> tuple[np.ndarray, np.ndarray]:
         """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""

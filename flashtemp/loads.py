@@ -1,0 +1,236 @@
+"""Which process makes friction depend on the load?  Each switched on alone, and off while all others act.
+
+Five candidates (the source paper's question): saturation of the contact, non-linear viscoelasticity, skewness of the
+roughness, adhesion that enlarges the contact, and frictional heating.  The first four act on the theory of friction,
+heating on the temperatures that the solver finds.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp import case as cases
+from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.march import march
+from flashtemp.scene import Acting, Scene
+from flashtemp.workers import stream
+
+NOTHING = 0.01  # change of friction over the loads below which nothing needs a cause
+PRESSURES, SPEEDS = (5e4, 1e5, 2e5, 3e5), (0.1, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process with the key of the theory's table that switches it: its value off, and where the case has none, on."""
+
+    name: str
+    words: str
+    key: str | None
+    off: Any = None
+    on: Any = None
+
+
+HEATING = "heating"
+PROCESSES = (
+    Process("saturation", "the contact saturates", "saturation", False, True),
+    Process("softening", "filled rubber softens with strain", "payne_rest", 1.0, 0.4),
+    Process("skewness", "the road's tops are flattened", "flattened", 1.0, 0.838166),
+    Process("adhesion", "adhesion pulls rubber into contact", "work_of_adhesion", 0.0, 0.05),
+    Process(HEATING, "friction heats the contact", None),
+)
+NAMES = tuple(p.name for p in PROCESSES)
+
+
+def theory_of(case: cases.Case) -> tuple[Scene, Acting]:
+    """The scene of a case, and the effect of it that computes friction from a theory.  Raises BadInput without one."""
+    scene = cases.build(case)
+    for acting in scene.acting:
+        if hasattr(acting.p, "theory"):
+            return scene, acting
+    raise BadInput(
+        f"{case.name}: effects: none of {list(case.effects)} computes friction from roughness and rubber; "
+        "add one that `flashtemp effects` lists with a master_curve"
+    )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One point: a case, and whether heating is to be left out of it."""
+
+    case: cases.Case
+    cold: bool
+
+
+def friction_of(asked: Asked) -> float:
+    """Load-weighted friction at the end of the last repetition; without heating that at the ambient temperature."""
+    if asked.cold:
+        scene, acting = theory_of(asked.case)
+        speed = asked.case["schedule.speed"]
+        return float(acting.p.theory(speed, scene.ambient, scene.load).mu) * asked.case["friction.mu"]
+    run = march(cases.build(asked.case), cases.settings(asked.case), asked.case.title)
+    return float(run.friction[run.last])
+
+
+@dataclass(frozen=True)
+class Loads:
+    """mu over speeds (m/s) and nominal pressures (Pa): arrays (speeds, pressures) by what acts.
+
+    `alone` {process: mu} with that process only, `without` {process: mu} with all others, `none`, `every`;
+    `other` heating alone under the other law of the contact fraction, which is `law`.
+    """
+
+    title: str
+    pressure: np.ndarray
+    speed: np.ndarray
+    none: np.ndarray
+    every: np.ndarray
+    alone: dict[str, np.ndarray]
+    without: dict[str, np.ndarray]
+    other: np.ndarray
+    law: str
+
+    def change(self, mu: np.ndarray) -> np.ndarray:
+        """Relative change of mu (speeds,) from the lowest to the highest load, as a difference of logarithms."""
+        return np.log(mu[:, -1] / mu[:, 0])
+
+    def shares(self) -> dict[str, np.ndarray]:
+        """What each process changes (speeds,): mean of its effect alone and of its effect beside all others."""
+        return {
+            n: 0.5 * (self.change(self.alone[n]) - self.change(self.none))
+            + 0.5 * (self.change(self.every) - self.change(self.without[n]))
+            for n in NAMES
+        }
+
+    def local(self) -> dict[str, np.ndarray]:
+        """The same (speeds, pressures - 1), from each load to the next."""
+
+        def step(mu):
+            return np.diff(np.log(mu), axis=1)
+
+        return {
+            n: 0.5 * (step(self.alone[n]) - step(self.none) + step(self.every) - step(self.without[n])) for n in NAMES
+        }
+
+    @property
+    def leading(self) -> str | None:
+        """The process that changes most, over all speeds; None where friction does not depend on the load."""
+        if np.max(np.abs(self.change(self.every))) < NOTHING:
+            return None
+        return max(NAMES, key=lambda n: float(np.abs(self.shares()[n]).mean()))
+
+    def as_dict(self) -> dict:
+        """For --json."""
+        plain = {k: getattr(self, k).tolist() for k in ("none", "every", "other")}
+        sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "without")}
+        return {
+            "title": self.title, "pressure_Pa": self.pressure.tolist(), "speed_m_s": self.speed.tolist(),
+            "contact_fraction": self.law, "leading": self.leading, "change": self.change(self.every).tolist(),
+            "shares": {n: v.tolist() for n, v in self.shares().items()},
+            "shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
+            "words": {p.name: p.words for p in PROCESSES}, "mu": plain | sets,
+        }  # fmt: skip
+
+    def save(self, file: Path) -> None:
+        """A CSV row per speed and pressure."""
+        columns = {"all": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
+        columns |= {f"{n}_alone": v for n, v in self.alone.items()}
+        columns |= {f"without_{n}": v for n, v in self.without.items()}
+        with Path(file).open("w", newline="") as out:
+            rows = csv.writer(out)
+            rows.writerow(["speed_m_s", "pressure_Pa", *(f"mu_{name}" for name in columns)])
+            for i, v in enumerate(self.speed):
+                for j, p in enumerate(self.pressure):
+                    rows.writerow([f"{v:g}", f"{p:g}", *(f"{values[i, j]:.6f}" for values in columns.values())])
+
+    def __str__(self) -> str:
+        low, high = self.pressure[0] / 1e6, self.pressure[-1] / 1e6
+        lines = [f"Friction over load '{self.title}', {low:g} to {high:g} MPa; contact fraction {self.law}"]
+        shares = self.shares()
+        for i, v in enumerate(self.speed):
+            parts = ", ".join(f"{n} {_percent(shares[n][i])}" for n in NAMES)
+            rest = self.change(self.every)[i] - sum(s[i] for s in shares.values())
+            change = f"{self.every[i, 0]:.3f} -> {self.every[i, -1]:.3f} ({_percent(self.change(self.every)[i])})"
+            lines.append(f"  {v:g} m/s: mu {change}: {parts}; together {_percent(rest)} more")
+        if self.leading is None:
+            lines.append(f"  Nothing makes friction depend on the load by {100 * NOTHING:g} % here.")
+        else:
+            words = next(p.words for p in PROCESSES if p.name == self.leading)
+            lines.append(f"  Mostly because {words} ({self.leading}).")
+        here, there = (", ".join(map(_percent, self.change(mu))) for mu in (self.alone[HEATING], self.other))
+        lines.append(f"  Heating alone: {here}; with the other contact fraction: {there}.  That law is a choice.")
+        return "\n".join(lines)
+
+
+def _percent(change: float) -> str:
+    return f"{100 * math.expm1(change):+.1f} %"
+
+
+def attribute(
+    case: cases.Case, pressures=PRESSURES, speeds=SPEEDS, workers: int | None = None,
+    watch: Callable[[int, int], Any] = lambda done, total: None,
+) -> Loads:  # fmt: skip
+    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every process alone, and with all but it.
+
+    Raises BadInput where the case has no theory of friction, SolverFailure where a run fails.
+    """
+    scene, acting = theory_of(case)
+    table = acting.name
+    on = {p.key: _on(case[f"{table}.{p.key}"], p) for p in PROCESSES if p.key}
+
+    def switched(names: tuple[str, ...]) -> dict[str, Any]:
+        return {f"{table}.{p.key}": on[p.key] if p.name in names else p.off for p in PROCESSES if p.key}
+
+    sets = {"none": (), "every": NAMES} | {f"alone {n}": (n,) for n in NAMES}
+    sets |= {f"without {n}": tuple(m for m in NAMES if m != n) for n in NAMES}
+    given = {name: (switched(names), HEATING in names) for name, names in sets.items()}
+    given["other"] = switched((HEATING,)) | _other_law(case, scene, acting), True
+    asked = []
+    for overrides, heated in given.values():
+        for v in speeds:
+            for p in pressures:
+                point = cases.load_with(case, overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
+                asked.append(Asked(point, not heated))
+    found = np.empty(len(asked))
+    for done, (k, answer) in enumerate(stream(friction_of, asked, workers), 1):
+        if isinstance(answer, FlashtempError):
+            at = asked[k].case
+            raise SolverFailure(f"at {at['schedule.speed']:g} m/s, {at['contact.pressure']:g} Pa: {answer}")
+        found[k] = answer
+        watch(done, len(asked))
+    blocks = dict(zip(given, found.reshape(len(given), len(speeds), len(pressures)), strict=True))
+    return Loads(
+        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), blocks["none"], blocks["every"],
+        {n: blocks[f"alone {n}"] for n in NAMES}, {n: blocks[f"without {n}"] for n in NAMES}, blocks["other"],
+        _law(case, acting),
+    )  # fmt: skip
+
+
+def _on(value: Any, process: Process) -> Any:
+    """The value that switches a process on: the case's own, or a typical one."""
+    return process.on if value == process.off else value
+
+
+def _law(case: cases.Case, acting: Acting) -> str:
+    """The law of the contact fraction in words."""
+    if acting.p.spots == "theory":
+        return "P(2 pi/D) of the theory, about proportional to the load"
+    n = case["contact.spot_exponent"]
+    return "fixed" if n == 0 else f"proportional to the load to the power {n:g}"
+
+
+def _other_law(case: cases.Case, scene: Scene, acting: Acting) -> dict[str, Any]:
+    """Overrides for the other extreme: fixed spots where they grow with the load, growing ones where they are fixed."""
+    if acting.p.spots != "theory" and case["contact.spot_exponent"] == 0:
+        return {f"{acting.name}.spots": "theory"}
+    phi = case["contact.spot_fraction"]
+    if acting.p.spots == "theory":
+        wave = 2 * np.pi / scene.spot_diameter
+        phi = float(acting.p.theory.contact(wave, np.sqrt(np.prod(scene.speeds)), scene.ambient, scene.load))
+    return {f"{acting.name}.spots": "given", "contact.spot_exponent": 0.0, "contact.spot_fraction": phi}

@@ -1,0 +1,70 @@
+"""Which process makes friction depend on the load: curves of each alone, and what each changes."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+
+COLOURS = {
+    "saturation": "#0072B2", "softening": "#CC79A7", "skewness": theme.HOLDER, "adhesion": theme.BLOCK,
+    "heating": theme.SPOT,
+}  # fmt: skip
+MOST = 4  # panels of speeds
+
+
+@theme.styled
+def draw(found) -> Figure:
+    """mu over load (MPa) at every speed, what each process changes at each speed, and from load to load."""
+    shown = theme.chosen(len(found.speed), MOST)
+    fig = theme.figure(found, theme.WIDE, 5.4)
+    upper, lower = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
+    axes = upper.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    for ax, i in zip(axes, shown, strict=True):
+        _curves(ax, found, int(i))
+    axes[0].set_ylabel("friction coefficient")
+    handles, labels = axes[0].get_legend_handles_labels()
+    upper.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=7.0, handlelength=1.6)
+    bars, steps = lower.subplots(1, 2, width_ratios=[1.5, 1.0])
+    _bars(bars, found)
+    _steps(steps, found)
+    return fig
+
+
+def _curves(ax, found, i: int) -> None:
+    p = found.pressure / 1e6
+    ax.plot(p, found.none[i], color="#B5B5B5", lw=2.4, label="none")
+    for name, mu in found.alone.items():
+        ax.plot(p, mu[i], "o-", ms=2.5, lw=1.1, color=COLOURS[name], label=f"{name} alone")
+    ax.plot(p, found.every[i], "ko-", ms=3.5, lw=2.2, label="all")
+    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", title=f"{found.speed[i]:g} m/s")
+    ax.set_xticks(p, [f"{v:g}" for v in p])
+    ax.minorticks_off()
+
+
+def _bars(ax, found) -> None:
+    shares = found.shares()
+    width = 0.8 / len(shares)
+    for k, (name, share) in enumerate(shares.items()):
+        at = np.arange(len(found.speed)) + (k - 0.5 * (len(shares) - 1)) * width
+        ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=COLOURS[name], label=name)
+    total = 100 * np.expm1(found.change(found.every))
+    ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8, label="all together")
+    ax.axhline(0.0, color="black", lw=0.6)
+    ax.set_xticks(np.arange(len(found.speed)), [f"{v:g} m/s" for v in found.speed])
+    low, high = found.pressure[[0, -1]] / 1e6
+    ax.set(ylabel="change of friction (%)", title=f"what each changes from {low:g} to {high:g} MPa")
+    ax.legend(fontsize=6.8, loc="lower left", handlelength=1.2)
+
+
+def _steps(ax, found) -> None:
+    local = found.local()
+    middle = np.sqrt(found.pressure[1:] * found.pressure[:-1]) / 1e6
+    for name, share in local.items():
+        ax.plot(middle, share[-1] / np.diff(np.log(found.pressure)), "o-", ms=3, color=COLOURS[name])
+    ax.axhline(0.0, color="black", lw=0.6)
+    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel=r"d ln $\mu$ / d ln $p$")
+    ax.set_title(f"from load to load at {found.speed[-1]:g} m/s")
+    ax.set_xticks(middle, [theme.number(v, 2) for v in middle])
+    ax.minorticks_off()

@@ -26,7 +26,7 @@ def draw(run, frame: int = -1) -> Figure:
     mesh, k = run.mesh, range(len(run.frames))[frame]
     face, cover = run.maps["T_block"][k].astype(float), run.maps["cover"][k]
     L, y = 1e3 * mesh.x[mesh.last], 1e3 * mesh.y[[0, -1]]
-    fig = theme.figure(run, theme.WIDE, 3.9)
+    fig = theme.figure(run.title, theme.WIDE, 3.9)
     fig.set_dpi(100)
     left, right = fig.subplots(1, 2, width_ratios=[1.25, 1.0])
     norm = theme.temperature_norm(run.maps["T_block"][-1], np.where(cover > 0.5, face, np.nan), run.ambient_degC)

@@ -38,7 +38,7 @@ def draw(run) -> Figure:
     ]
     press = _even(run.maps["pressure"][frame], run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]])
     wide, deep = float(np.clip(4.2 * np.ptp(y) / far, 0.9, 3.2)), float(np.clip(4.2 * z[1] / far, 0.6, 1.6))
-    fig = theme.figure(run, theme.WIDE, 1.9 + wide + 2 * deep)
+    fig = theme.figure(run.title, theme.WIDE, 1.9 + wide + 2 * deep)
     grid = fig.add_gridspec(3, 2, height_ratios=[wide, deep, deep], width_ratios=[far / L, 0.75])
     norm = theme.temperature_norm(top, *behind, *sides)
     style = {"cmap": theme.temperature_map(), "norm": norm, "origin": "lower", "aspect": "auto"}

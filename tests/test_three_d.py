@@ -124,14 +124,23 @@ def test_profiles_are_means_of_maps(lab):
     assert load == pytest.approx(1.5e5, rel=1e-6)
 
 
+def test_pressure_follows_a_map_of_x_and_y(lab):
+    """Bilinear between its nodes, held beyond its edge at y = 5 mm, an edge of cells."""
+    rows = [[x, y, 1.0 + 20.0 * x + 80.0 * y] for x in (0.0, 0.025) for y in (-0.01, 0.005)]
+    run = lab.case(**SMALL, numerics__across=20, effects=["pressure_profile"], pressure_profile__map=rows)
+    shape = 1.0 + 20.0 * run.x[:, None] + 80.0 * np.minimum(run.mesh.y_centre, 0.005)
+    expected = 1.5e5 * shape / (shape @ run.mesh.share @ run.mesh.dx_block / run.mesh.dx_block.sum())
+    np.testing.assert_allclose(run.maps["pressure"][-1], expected, rtol=1e-5)
+
+
 def test_symmetric_pressure_gives_a_symmetric_field(lab):
     run = lab.case(**SMALL, **ROLLED, numerics__across=20)
     cells = run.mesh.planes(run.field[-1])
     np.testing.assert_allclose(cells, cells[:, ::-1], atol=2e-4)
 
 
-def test_a_fixed_block_does_not_lean(lab):
-    """What p(x, y) may not do: y-tilt moves heat to its side, the load stays."""
+def test_roll_moves_heat_to_its_side(lab):
+    """1.5 times the mean pressure at one side wall and half of it at the other: so is the rise of the face, about."""
     run = lab.case(**SMALL, numerics__across=20, effects=["pressure_roll"], pressure_roll__a=0.5)
     rise = run.maps["T_block"][-1].mean(axis=0) - run.ambient_degC
     assert rise[-1] / rise[0] == pytest.approx(1.45 / 0.55, rel=0.15)

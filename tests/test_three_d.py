@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
 from flashtemp.balance import Balance
-from flashtemp.camera.operator import observe, wall_cooling
+from flashtemp.camera.operator import corner_length, observe, wall_cooling
 from flashtemp.camera.recording import Recording
 from flashtemp.case import assemble, build, settings
 from flashtemp.effect import Factor, Heat
@@ -111,6 +111,27 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
     seen = (z > 1e-3) & (z < 6e-3)
     assert (wall / mean)[seen].max() < 0.995
     lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.12)
+
+
+def test_camera_sees_the_wall_near_the_contact(lab):
+    """Cells of 1 mm across and a strong film, from the wall's cells to the wall: against cells of 20 um there."""
+    given = {
+        "block.width": W, "block.height": 0.004, "schedule.distance": 1.0, "ambient.convection": 60.0,
+        "output.profiles": 4, "output.fields": 2, "numerics.rtol": 1e-5, "numerics.cells": [16, 24, 16],
+    }  # fmt: skip
+    z, walls = np.arange(1, 21) * 2e-5, []
+    for sized in ({"numerics.across": 20}, {"numerics.across": 60, "numerics.first_y": 2e-5}):
+        made = assemble({}, given | sized, Places("none"), Path(), "wall")
+        scene = build(made)
+        run = march(scene, settings(made))
+        image = observe(run, scene, seen("sidewall", run.time[-1:], np.array([0.0125]), z)).temperature
+        walls.append(image[0, :, 0] - run.ambient_degC)
+    near, fine = walls
+    half, film = 0.5 * W / 20, 60.0 / lab.RUBBER.conductivity
+    straight = near * (1 + film * corner_length(z, half)) / (1 + film * half)
+    off, without = (np.abs(values - fine).mean() / fine[0] for values in (near, straight))
+    lab.check("wall near the contact, cells of 1 mm, share of the rise", off, 0.02)
+    assert off < 0.5 * without
 
 
 def test_profiles_are_means_of_maps(lab):

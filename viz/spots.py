@@ -47,7 +47,7 @@ def draw(run, frame: int = -1) -> Figure:
     bar.outline.set_linewidth(0.4)
     covered = run.maps["cover"]
     best = covered.max(axis=(1, 2), keepdims=True)  # coarse cells may be covered in part only
-    inside = (covered >= np.minimum(0.9, best)) & (covered > 0.0)
+    inside = (covered >= 0.9 * best) & (covered > 0.0)
     x = np.repeat(1e3 * run.x[:, None], mesh.n_across, axis=1)
     hot = run.maps["T_spot"]
     right.plot(x[inside[k]], hot[k][inside[k]], ".", color=theme.SPOT, ms=1.5, alpha=0.35, label="in the spots")

@@ -20,7 +20,7 @@ app = App(
 COMMANDS = (
     simulate.run, simulate.sweep, simulate.view, simulate.check, simulate.converge, simulate.effects,
     questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
-    road.spots,
+    road.spots, road.spectrum,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)

@@ -85,7 +85,8 @@ class Balance:
         for d in parts:
             inside = -np.diff(np.exp(-edges / d.depth))
             self.weight += d.share * inside / inside.sum()
-        self.surface_share = 1.0 - sum(d.share for d in parts)
+        self.inside = sum(d.share for d in parts)
+        self.weight /= max(self.inside, 1e-300)
         used = np.flatnonzero(self.weight > 1e-18)
         self.weight = self.weight[: used[-1] + 1].copy() if len(used) else self.weight[:0].copy()
         mesh = self.scene.mesh

@@ -161,14 +161,15 @@ def build(case: Case) -> Scene:
             section = case.values[effect.section if effect.base else name]
             mine = {k: section[k] for k in effect.params()}
             acting.append(Acting(name, effect(), SimpleNamespace(**effect.prepare(mine, case.folder))))
-    parts = [c for a in acting for c in _probe(a, v, materials, case)]
+    speed, pressure = _series(case, "schedule.speed"), _series(case, "contact.pressure")
+    known = materials | {"speeds": speed.range, "load": max(pressure.value)}
+    parts = [c for a in acting for c in _probe(a, v, known)]
     total = sum(c.share for c in parts if isinstance(c, Deposit))
     if total > 1 + 1e-12:
         raise BadInput(
             f"friction.volumetric_share: all shares released inside the rubber sum to {total:g}; give at most 1 in all"
         )
-    speed, pressure = _series(case, "schedule.speed"), _series(case, "contact.pressure")
-    remembers = _remembers(acting, v, materials, case)
+    remembers = _remembers(acting, v, known)
     schedule = Schedule(
         speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
         lap=v.road.track_length if remembers else None,
@@ -215,10 +216,10 @@ def build(case: Case) -> Scene:
     return scene
 
 
-def _remembers(acting, v, materials, case) -> bool:
+def _remembers(acting, v, known) -> bool:
     """Whether any effect lets heat on the track come round: tried with one kelvin."""
     probe = SimpleNamespace(carried=1.0)
-    laws = ((c, a.p) for a in acting for c in _probe(a, v, materials, case) if isinstance(c, Term))
+    laws = ((c, a.p) for a in acting for c in _probe(a, v, known) if isinstance(c, Term))
     return any(c.law(None, probe, p) != 0 for c, p in laws if c.target == "road.inflow")
 
 
@@ -228,12 +229,12 @@ def settings(case: Case) -> Settings:
     return Settings(cvode.choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"])
 
 
-def _probe(acting, v, materials, case):
+def _probe(acting, v, known):
     """Contributions of one effect on a scene without mesh, to ask what it speaks about."""
     scene = SimpleNamespace(
         length=v.block.length, width=v.block.width, height=v.block.height, spot_diameter=v.contact.spot_diameter,
         spot_fraction=v.contact.spot_fraction,
-        ambient=v.ambient.temperature + KELVIN, resolved=v.numerics.across > 1, **materials,
+        ambient=v.ambient.temperature + KELVIN, resolved=v.numerics.across > 1, **known,
     )  # fmt: skip
     return acting.contributions(scene)
 

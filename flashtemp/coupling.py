@@ -25,9 +25,9 @@ class Coupling:
             return np.imag(values) / STEP
 
         self.face = slope(state.block * flux.into_block * area)
-        self.power = slope(state.block * flux.heat * area)
+        self.deep = slope(state.block * flux.deep * area)
         road = flux.into_road * area
-        self.books = (self.power, slope(state.block * road), slope(state.road * road))
+        self.books = (slope(state.block * flux.heat * area), slope(state.block * road), slope(state.road * road))
         self.abrasion = slope(footprint.abrasion_rate(moved, now))
         spot, mu = (
             slope(footprint.abrasion_rate(meeting._replace(flux=meeting.flux._replace(**{k: v + 1j * STEP})), now))
@@ -52,7 +52,7 @@ class Coupling:
         heat[b.cell_block] = scale * self.face * dp
         heat[b.cell_road] = scale * self.books[2] * dp
         if len(b.weight):
-            kernels.deposit(b.deep_cells, b.weight, scale * self.power * dp, heat)
+            kernels.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
         mesh = b.scene.mesh
         mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
         out[b.worn] += scale / b.worn_unit * self.abrasion * dp

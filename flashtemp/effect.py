@@ -135,6 +135,13 @@ class Effect:
         """Contributions to the balance of `scene`."""
         return iter(())
 
+    def remarks(self, scene, p) -> list[str]:
+        """What a user should know before believing the result."""
+        return []
+
+    def leave(self, scene, p, folder) -> None:
+        """Write into a result folder what spares work when the run is repeated from there."""
+
     def see(self, p) -> Iterator[Factor | Term]:
         """Contributions to what a camera makes of the temperatures."""
         return iter(())

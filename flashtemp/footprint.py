@@ -124,7 +124,7 @@ class Footprint:
         speed = now.speed if now.touching else 0.0
         state = contact.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, lane=lane, split=split, surface=self.b.surface_share, deep=deep,
+            flash=flash, lane=lane, split=split, inside=self.b.inside, deep=deep,
             block=phi, road=1.0, half=phi,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
@@ -184,8 +184,11 @@ class Footprint:
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
-        def friction(T, apart=False):
-            return laws("friction.mu", 0.0, T, bare if apart else at) + 0.0 * T
+        def law(target, base):
+            def at_temperatures(T, face, apart=False):
+                return laws(target, base, T, (bare if apart else at)._replace(face=face)) + 0.0 * T
+
+            return at_temperatures
 
         return contact.solve(
             state,
@@ -194,7 +197,8 @@ class Footprint:
             np.tile(T_in[-self.mesh.n_across :], self.mesh.last - self.mesh.first) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
-            friction,
+            law("friction.mu", 0.0),
+            law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
             self._guess,
             slopes,
         )

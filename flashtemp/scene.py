@@ -37,6 +37,7 @@ class Moment(NamedTuple):
     spot_fraction: Any = None  # macroasperity contact fraction at x
     covered: Any = None  # macroasperity contact fraction, mean over the block's length
     friction: Any = None  # friction coefficient at x
+    face: Any = None  # temperature of the block's face averaged over the passage of spots, K, for laws of friction.mu
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
 
@@ -79,6 +80,16 @@ class Scene:
     def width(self) -> float:
         """Width across the direction of sliding, m."""
         return float(self.mesh.y[-1] - self.mesh.y[0])
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Lowest and highest sliding speed given, m/s."""
+        return self.schedule.speed.range
+
+    @property
+    def load(self) -> float:
+        """Highest mean nominal contact pressure, Pa."""
+        return max(self.schedule.pressure.value)
 
     @property
     def resolved(self) -> bool:

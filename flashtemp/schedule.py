@@ -28,6 +28,11 @@ class Series:
         steps = np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))
         return t, v, v[0] * t[0] + np.concatenate([[0.0], steps])
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest value above zero, and highest."""
+        return min((v for v in self.value if v > 0), default=0.0), max(self.value)
+
     def __call__(self, t: float) -> float:
         if len(self.value) == 1:
             return self.value[0]

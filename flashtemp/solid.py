@@ -33,17 +33,18 @@ class _Solid:
             raise SolverFailure("thermal conductivity fell to zero or below")
         return f
 
-    def linearise(self, gamma: float, kf, carry, stretch, own, up, down, rows) -> None:
+    def linearise(self, gamma: float, kf, carry, stretch, own, up, down, deposits, rows) -> None:
         """Factors of P ~ I - gamma J around conductivities `kf` (cells,) and dh/dT `stretch`.
 
         `carry` (n_road,) rho c v dz; `own` [(cells, slopes)] heat per rise on the diagonal, `up`, `down`
-        (columns,) across the interface: d(road heat)/d(block T) and d(block heat)/d(road T);
+        (columns,) across the interface: d(road heat)/d(block T) and d(block heat)/d(road T).  `deposits`: slopes
+        (columns,) of the heat in depth with both temperatures; in P it is in the cells at the face.
         `rows` {entry of the ledger: (cells, slopes)} in W/(m K).
         """
         self.gamma, self.kf, self.carry, self.stretch = gamma, kf, carry, stretch
         self.cell = np.concatenate([np.empty(0, dtype=np.int64), *(np.ravel(cells) for cells, _ in own)])
         self.slope = np.concatenate([np.empty(0), *(np.ravel(slope) for _, slope in own)])
-        self.up, self.down = up, down
+        self.up, self.down, self.deposits = up, down, deposits
         self._factorise(rows)
 
     def product(self, T, out) -> None:
@@ -51,6 +52,10 @@ class _Solid:
         b = self.b
         out[:] = 0.0
         kernels.add_slopes(self.cell, self.slope, b.cell_road, b.cell_block, self.up, self.down, T, out)
+        if self.deposits is not None:
+            power = self.deposits[0] * T[b.cell_block] + self.deposits[1] * T[b.cell_road]
+            out[b.cell_block] -= power
+            kernels.deposit(b.deep_cells, b.weight, power, out)
         h = T if b.capacity_gradient is None else T * self.stretch
         self.flows(T, h, self.none, self.none, self.kf, self.carry, out)
 

@@ -67,10 +67,9 @@ class Stage:
             road = flux.into_road * area
             q[b.cell_block] += state.block * flux.into_block * area
             q[b.cell_road] += state.road * road
-            power = state.block * flux.heat * area
             if len(b.weight):
-                kernels.deposit(b.deep_cells, b.weight, power, q)
-            led["friction"] = power.sum()
+                kernels.deposit(b.deep_cells, b.weight, state.block * flux.deep * area, q)
+            led["friction"] = (state.block * flux.heat * area).sum()
             led["into_road"] = (state.block * road).sum()
             led["lane_in"] = (state.road * road).sum()
             if b.abrades:
@@ -112,13 +111,14 @@ class Stage:
         meeting = self.footprint.meet(now, b.worn_depth(y), T, T_in, kf, slopes=True)
         state, d = meeting.state, meeting.slopes
         b.sites.slopes(self.footprint.at(state, now), T, kf, own, rows)
-        self.coupling = None
+        self.coupling = deposits = None
         up = down = np.zeros(len(b.cell_block))
         if d is not None:
             face, lane = state.block * mesh.column_area, state.road * mesh.column_area
-            deep = face * (1.0 - state.surface)
-            own += [(b.cell_block, face * d.block[0] + deep * d.heat[0]), (b.cell_road, lane * d.road[1])]
-            up, down = lane * d.road[0], face * d.block[1] + deep * d.heat[1]
+            if len(b.weight) and np.any(d.deep):
+                deposits = face * d.deep[0], face * d.deep[1]
+            own += [(b.cell_block, face * (d.block[0] + d.deep[0])), (b.cell_road, lane * d.road[1])]
+            up, down = lane * d.road[0], face * (d.block[1] + d.deep[1])
             for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road), ("lane_in", lane, d.road)):
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
             if b.abrades:
@@ -135,7 +135,7 @@ class Stage:
             for name, parts in rows.items()
             if parts
         }
-        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down, self.rows)
+        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down, deposits, self.rows)
 
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v with the balance linearised at the last set-up; conserves heat like the rate.

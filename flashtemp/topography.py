@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.friction.texture import library
 from flashtemp.patterns import ContactMap
 
 STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
@@ -62,9 +63,9 @@ def read(file: Path, size: tuple[float, float] | None = None):
 
     `size` (m): length along the direction of sliding and width, for files that hold heights alone.
     """
-    library, _ = _library()
+    surface = library()
     try:
-        with library.open_topography(str(file)) as opened:
+        with surface.open_topography(str(file)) as opened:
             channel = opened.default_channel
             own, unit, area = channel.physical_sizes, channel.unit, channel.dim == 2
     except Exception as fault:  # readers raise whatever the damage leads to
@@ -79,7 +80,7 @@ def read(file: Path, size: tuple[float, float] | None = None):
         given = {}
         if own is None:
             given["physical_sizes"] = size if unit is None else tuple(s / _metres(unit) for s in size)
-        road = library.read_topography(str(file), **given)
+        road = surface.read_topography(str(file), **given)
         road = (road.to_unit("m") if road.unit else road).detrend("height")
         rms = road.rms_height_from_area()
     except Exception as fault:
@@ -104,9 +105,9 @@ def _metres(unit: str) -> float:
 
 def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int):
     """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
-    library, _ = _library()
+    surface, _ = _library()
     shape = tuple(max(16, round(side / pixel)) for side in (length, width))
-    return library.Generation.fourier_synthesis(
+    return surface.Generation.fourier_synthesis(
         shape, (length, width), hurst=hurst, rms_height=rms, long_cutoff=rolloff, rng=np.random.default_rng(seed)
     )
 
@@ -118,13 +119,13 @@ def press(topography, pressure: float, modulus: float, cutoff: float) -> Spots:
     """
     from scipy.ndimage import label
 
-    library, contact = _library()
+    surface, contact = _library()
     size, shape = topography.physical_sizes, topography.nb_grid_pts
     pixel = tuple(s / n for s, n in zip(size, shape, strict=True))
     if cutoff < 2 * max(pixel):
         raise BadInput(f"--cutoff: {cutoff:g} m is less than two pixels of {max(pixel):.3g} m; give a longer one")
     heights = _smooth(np.ma.filled(np.ma.asarray(topography.heights()).astype(float), np.nan), pixel, cutoff)
-    smooth = library.Topography(heights, size, periodic=True)
+    smooth = surface.Topography(heights, size, periodic=True)
     system = contact.Systems.NonSmoothContactSystem(contact.PeriodicFFTElasticHalfSpace(shape, modulus, size), smooth)
     solved = system.minimize_proxy(external_force=pressure * size[0] * size[1])
     if not solved.success:
@@ -150,11 +151,12 @@ def _smooth(heights: np.ndarray, pixel, cutoff: float) -> np.ndarray:
 
 def _library():
     """SurfaceTopography and ContactMechanics, without what they say of libraries that they could use besides."""
+    surface = library()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import ContactMechanics.Systems
-            import SurfaceTopography.Generation
+            import SurfaceTopography.Generation  # noqa: F401
     except ImportError as fault:
-        raise BadInput("spots: SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
-    return SurfaceTopography, ContactMechanics
+        raise BadInput("spots: ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
+    return surface, ContactMechanics

@@ -10,7 +10,7 @@ import pytest
 
 import flashtemp
 
-PACKAGES = ("flashtemp", "flashtemp.effects", "flashtemp.meshes", "flashtemp.viz")
+PACKAGES = ("flashtemp", "flashtemp.effects", "flashtemp.friction", "flashtemp.meshes", "flashtemp.viz")
 FEWEST = 40  # a ratchet: examples may only become more
 
 

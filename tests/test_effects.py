@@ -248,9 +248,9 @@ def test_jacobian_is_exact_where_effects_meet(case, names):
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
 def test_linearisation_used_by_the_solver(case, name, shape):
-    """`times` is J v, but for the slope of k(T) and for where mu(T) puts heat in the depth: those by little."""
+    """`times` is J v, but for the slope of k(T): that by little."""
     for balance, stage, t, y, rng in stages(case, name, shape):
-        bent = balance.nonlinear_conductivity or "friction.mu" in balance.laws.factors
+        bent = balance.nonlinear_conductivity
         bent |= balance.abrades  # lanes and gaps follow the mean contact fraction, which is left out
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
         J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
@@ -345,6 +345,7 @@ def test_file(name):
         names += [node.module] if isinstance(node, ast.ImportFrom) else []
         for found in names:
             own = found in ("flashtemp.effect", "flashtemp.errors", "flashtemp.patterns", "flashtemp.tables")
+            own |= found.split(".")[:2] == ["flashtemp", "friction"]
             assert own or found.split(".")[0] in allowed, f"imports {found}"
 
 

@@ -19,6 +19,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["errors"],
     ["folders", "stopping", "workers", "gram"],
     ["tables", "patterns", "mesh", "material", "schedule", "effect"],
+    ["friction"],
     ["effects", "meshes", "scene"],
     ["generic"],
     ["laws", "contact", "kernels", "slabs", "foundation", "sites"],

@@ -1,4 +1,4 @@
-"""The command on the road: spots, from a topography to a contact map."""
+"""The commands on the road: spots, from a topography to a contact map; spectrum, from heights to C(q)."""
 
 from __future__ import annotations
 
@@ -76,3 +76,86 @@ def spots(
     found.save(out)
     emit(found.as_dict() | {"out": str(out)}, json, f"{found}\n  resolved_spots.contact_map: {out}")
     return DONE
+
+
+def spectrum(
+    file: Path,
+    /,
+    *,
+    out: Path,
+    profile: Annotated[bool, Switch] = False,
+    highpass: float | None = None,
+    pixel: float | None = None,
+    json: Json = False,
+) -> int:
+    """The power spectrum C(q) of a measured road, for persson_friction.spectrum, and a picture of it.
+
+    Parameters
+    ----------
+    file
+        Height map of an instrument (any format of SurfaceTopography), or a profile.
+    out
+        The spectrum, a .csv file (q in 1/m, C in m^4); the picture stands beside it as .png.
+    profile
+        The file is one line: columns of distance and height with their units in the header.
+    highpass
+        Longest wavelength that counts, m; all that fit twice into the measurement if none is given.
+    pixel
+        The file holds nothing but heights in m (.npy or text, one row per line) at this distance, m.
+    """
+    from flashtemp.friction import texture
+    from flashtemp.viz import spectrum as picture
+
+    if out.suffix != ".csv" or not out.absolute().parent.is_dir():
+        raise BadInput(f"--out: {out}; give a .csv file in a folder that exists")
+    for name, value in {"highpass": highpass, "pixel": pixel}.items():
+        if value is not None and not 0.0 < value < float("inf"):
+            raise BadInput(f"--{name}: {value:g}; give a number > 0")
+    if not file.is_file():
+        raise BadInput(f"{file}: not found; give a file of heights")
+    longest = float("inf") if highpass is None else highpass
+    heights, step = _heights(file, profile, pixel)
+    heights = texture.without_spikes(heights)
+    line = heights.ndim == 1
+    points = texture.of_profile(heights, step, longest) if line else texture.of_topography(heights, step, longest)
+    found = texture.Summary.of(points)
+    told = found.as_dict() | {"missing": float((heights != heights).mean()), "out": str(out)}
+    if line:
+        told["rms_height_of_line"] = texture.profile_height(heights, step, longest)
+    texture.save(points, out)
+    told["picture"] = str(out.with_suffix(".png"))
+    picture.draw(points, found.law, file.name).savefig(told["picture"])
+    text = f"{found}\n  dropouts and spikes: {100 * told['missing']:.2g} % of the heights\n"
+    if line:
+        text += f"  rms height of the line itself: {1e3 * told['rms_height_of_line']:.3g} mm\n"
+    emit(told, json, f"{text}  persson_friction.spectrum: {out}\n  picture: {told['picture']}")
+    return DONE
+
+
+def _heights(file: Path, profile: bool, pixel: float | None):
+    """Heights in m, (n,) of a line or (nx, ny), missing ones nan, and their distance in m."""
+    import warnings
+
+    import numpy as np
+
+    from flashtemp import topography
+    from flashtemp.friction import texture
+
+    if pixel is not None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", UserWarning)  # an empty file
+                bare = np.load(file) if file.suffix == ".npy" else np.loadtxt(file, encoding="utf-8-sig")
+            bare = np.squeeze(np.asarray(bare, dtype=float))
+        except (ValueError, TypeError, OSError, EOFError, UserWarning) as fault:
+            raise BadInput(f"{file}: no table of heights; leave out --pixel for files with a header") from fault
+        if bare.ndim != (1 if profile else 2):
+            raise BadInput(f"{file}: {bare.ndim} dimensions; give rows of heights, or one line with --profile")
+        return bare, pixel
+    if profile:
+        return texture.read_profile(file)
+    road = topography.read(file)
+    if road.dim == 1:
+        raise BadInput(f"{file}: a line, no area; give --profile and columns of distance and height")
+    heights = np.ma.filled(np.ma.asarray(road.heights()).astype(float), np.nan)
+    return heights, tuple(s / n for s, n in zip(road.physical_sizes, heights.shape, strict=True))

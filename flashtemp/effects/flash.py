@@ -1,7 +1,7 @@
 """Flash temperature: rubber passing through a spot is heated above its time average.
 
->>> round(float(overlap(0.0)), 9), round(overlap_integral(1.0), 6)
-(1.0, 1.220416)
+>>> round(deep_share(1e5), 4), round(deep_share(0.1), 4)
+(1.0, 0.0583)
 """
 
 from __future__ import annotations
@@ -13,29 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import erfcx
 
 from flashtemp.effect import Effect, Param, Term
-
-FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
-
-
-def overlap(w):
-    """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
-    w = np.clip(w, 0.0, 1.0)
-    return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
-
-
-@cache
-def _build_up() -> CubicSpline:
-    s = np.linspace(0.0, 1.0, 201)  # s = sqrt(w) removes the square-root start
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    half = 0.5 * np.diff(s)
-    mid = 0.5 * (s[1:] + s[:-1])
-    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=True)) * half
-    return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
-
-
-def overlap_integral(r):
-    """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
-    return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
+from flashtemp.friction.kernel import FULL, overlap, overlap_integral
 
 
 @cache

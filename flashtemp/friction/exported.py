@@ -1,0 +1,282 @@
+"""Tables as instruments export them: columns found by name, units from the header, any separator, decimal commas.
+
+A text file holds numbers in columns under lines of words.  One of those lines names the columns; units stand in it
+(`E' (MPa)`, `E'/MPa`, `q_1/m`) or in a line below.  Without names the order of the quantities asked for counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mode
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+
+DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?")
+MISSING = {"", "-", "--", "nan", "n/a", "na"}
+ALIKE = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
+SAMPLE = 200  # lines that tell separator and decimal sign
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A column to look for: `pattern` of its bare names, `units` as (factor, zero) to SI, `default` where none stands.
+
+    `default` may depend on the name: pairs of a pattern and a unit, the first that fits.
+    """
+
+    name: str
+    pattern: str
+    units: dict[str, tuple[float, float]]
+    default: tuple[tuple[str, str], ...]
+    usual: str
+
+    def fits(self, raw: str) -> bool:
+        """Whether a header cell without its unit names this quantity."""
+        return re.fullmatch(self.pattern, bare(raw)) is not None
+
+    def assumed(self, raw: str) -> str:
+        """The unit where the file states none."""
+        return next(unit for pattern, unit in self.default if re.search(pattern, bare(raw)))
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity stands in a file: its place, its name there, and its unit, `stated` or assumed."""
+
+    at: int
+    name: str
+    unit: str
+    stated: bool
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns (n,) in SI under the names of their quantities, and where each row stands for messages."""
+
+    prefix: str
+    lines: Sequence[int]
+    values: dict[str, np.ndarray]
+    columns: dict[str, Column]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
+    def need(self, bad: np.ndarray, name: str, right: str, hint: str = "") -> None:
+        """Raise BadInput for the first row (n,) that is `bad`; `hint` is added where the file states no unit."""
+        if not np.any(bad):
+            return
+        row, column = int(np.argmax(bad)), self.columns[name]
+        said = f"{column.unit}" if column.stated else f"{column.unit} assumed, no unit stated"
+        value = f"{self.values[name][row]:g} in SI units" if column.unit else f"{self.values[name][row]:g}"
+        more = f"; {hint}" if hint and not column.stated else ""
+        raise BadInput(f"{self.prefix}{self.lines[row]}: {column.name} ({said}): {value}; give {right}{more}")
+
+
+def of_rows(data: np.ndarray, key: str, quantities: Sequence[Quantity]) -> Table:
+    """A table from rows (n, k) of a case, in the units of the quantities as they stand there (`default`)."""
+    columns = {q.name: Column(i, q.name, q.default[-1][1], True) for i, q in enumerate(quantities)}
+    values = {q.name: _si(data[:, i], q, q.default[-1][1]) for i, q in enumerate(quantities)}
+    return Table(f"{key}: row ", range(1, len(data) + 1), values, columns)
+
+
+def read(source: str, folder: Path, key: str, quantities: Sequence[Quantity], order: Sequence[str]) -> Table:
+    """The columns of a file that are found; without any name, `order` tells which stands where.
+
+    Raises BadInput naming the key, the file and its line, for files without numbers, unknown units, damaged rows.
+    """
+    if not isinstance(source, str):
+        raise BadInput(f"{key}: {source!r}; give a file name or a list of rows")
+    path = Path(folder) / source
+    if not path.is_file():
+        raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
+    prefix = f"{key}: {source}:"
+    lines = _text(path, prefix).splitlines()
+    dialect = _dialect(lines)
+    header, data, at, width = _parts(lines, dialect, prefix)
+    if not data:
+        raise BadInput(f"{prefix} no rows of numbers; give columns {_wanted(quantities, order)}")
+    columns = _columns(header, quantities, width, dialect[0], prefix) or _by_order(quantities, order, width, prefix)
+    last = max(c.at for c in columns.values())
+    for line, row in zip(at, data, strict=True):
+        if len(row) <= last:
+            raise BadInput(f"{prefix}{line}: {len(row)} values; give {last + 1} or more in every row")
+    known = {q.name: q for q in quantities}
+    values = {n: _si(np.array([row[c.at] for row in data]), known[n], c.unit) for n, c in columns.items()}
+    return Table(prefix, at, values, columns)
+
+
+def bare(raw: str) -> str:
+    """Letters, digits and primes of a name in lower case; a single letter keeps its case.
+
+    >>> bare("E_stor"), bare("G″"), bare("T")
+    ('estor', "g''", 'T')
+    """
+    kept = re.sub(r"[^\w']|_", "", raw.translate(ALIKE))
+    return kept if len(kept) == 1 else kept.lower()
+
+
+def _si(values, quantity: Quantity, unit: str) -> np.ndarray:
+    factor, zero = quantity.units[unit]
+    return factor * np.asarray(values, dtype=float) + zero
+
+
+def _text(path: Path, prefix: str) -> str:
+    raw = path.read_bytes()
+    try:
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return raw.decode("utf-16")
+        if b"\0" in raw:
+            raise BadInput(f"{prefix} not a text file; give columns of numbers")
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")  # the degree sign of older programs
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    parts = line.split() if separator == " " else line.rstrip().rstrip(separator).split(separator)
+    return [c[1:-1].strip() if len(c) > 1 and c[0] == c[-1] == '"' else c for c in map(str.strip, parts)]
+
+
+def _number(cell: str, comma: bool) -> float | None:
+    if comma:
+        if "." in cell or cell.count(",") > 1 or cell.endswith(","):
+            return None
+        cell = cell.replace(",", ".")
+    if NUMBER.fullmatch(cell):
+        return float(cell.replace("d", "e").replace("D", "e"))
+    return float("nan") if cell.lower() in MISSING else None
+
+
+def _row(line: str, dialect) -> list[float] | None:
+    """The numbers of a line, None for words; a line without any number is none."""
+    separator, comma = dialect
+    cells = _cells(line, separator)
+    if len(cells) < 2:
+        return None
+    found = []
+    for cell in cells:
+        value = _number(cell, comma)
+        if value is None:
+            return None
+        found.append(value)
+    return found if any(v == v for v in found) else None
+
+
+def _dialect(lines: list[str]):
+    sample = [line for line in lines if line.strip()][-SAMPLE:]
+    return max(DIALECTS, key=lambda d: sum(_row(line, d) is not None for line in sample))
+
+
+def _parts(lines: list[str], dialect, prefix: str):
+    """Header lines, rows of numbers, their line numbers and the usual width; a header may come again in between."""
+    header, data, at = [], [], []
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        row = None if text[0] in "#%" else _row(line, dialect)
+        if row is not None:
+            data.append(row)
+            at.append(number)
+        elif not data:
+            header.append(line.lstrip("#% ") if text[0] in "#%" else line)
+        elif text[0] not in "#%" and line not in header:
+            raise BadInput(f"{prefix}{number}: {text[:40]!r} is not a row of numbers; remove or repair it")
+    return header, data, at, mode(map(len, data)) if data else 0
+
+
+def _columns(header: list[str], quantities, width: int, separator: str, prefix: str) -> dict[str, Column]:
+    """Columns named by the header line in which most quantities are recognised; none where no line names any."""
+    best, found = (0, 0), {}
+    for number, line in enumerate(header):
+        for parts in _splits(line, width, separator):
+            named = _recognised(parts[:width], quantities)
+            if len(parts) > 1 and (len(named), number) > best and named:
+                best, found = (len(named), number), _with_units(named, parts, header[number + 1 :], quantities, prefix)
+    return found
+
+
+def _splits(line: str, width: int, separator: str):
+    """Ways to part a header line; single blanks part names only where that gives as many as there are columns."""
+    for sign in dict.fromkeys((separator.replace(" ", "\t"), "\t", ";", ",")):
+        yield _cells(line, sign)
+    yield re.split(r"\s{2,}", line.strip())
+    if len(line.split()) == width:
+        yield line.split()
+
+
+def _recognised(parts: list[str], quantities) -> dict[str, tuple[int, str, str | None]]:
+    """Per quantity the first cell that names it: its place, name and unit text."""
+    named, taken = {}, set()
+    for quantity in quantities:
+        for i, cell in enumerate(parts):
+            match = None if i in taken else _match(cell, quantity)
+            if match is not None:
+                named[quantity.name] = (i, *match)
+                taken.add(i)
+                break
+    return named
+
+
+def _match(cell: str, quantity: Quantity) -> tuple[str, str | None] | None:
+    """(name, unit text or None) of a header cell that names the quantity, else None."""
+    bracket = re.fullmatch(r"(.*?)(\s*)[(\[]([^()\[\]]*)[)\]]", cell)
+    if bracket and (bracket[2] or unit_word(bracket[3]) in quantity.units):
+        return (bracket[1], unit_word(bracket[3])) if quantity.fits(bracket[1]) else None
+    for sign in "_/, ":
+        for name, _, unit in (cell.partition(sign), cell.rpartition(sign)):
+            word = unit_word(unit.strip().removeprefix("in "))
+            if word and word in quantity.units and quantity.fits(name.removesuffix(" in")):
+                return name, word
+    return (cell, None) if quantity.fits(cell) else None
+
+
+def unit_word(text: str) -> str:
+    """A unit in one spelling.
+
+    >>> unit_word("[m^4]"), unit_word("°C"), unit_word("µm")
+    ('m4', 'degC', 'um')
+    """
+    return re.sub(r"[\s^*·()\[\]]", "", text.translate(ALIKE)).replace("°", "deg").replace("sec", "s")
+
+
+def _with_units(named, parts, below: list[str], quantities, prefix: str) -> dict[str, Column]:
+    """Columns with the unit of their own cell, else of a line below in which units are recognised."""
+    known = {q.name: q for q in quantities}
+    line = {}
+    for text in below:
+        for cells in _splits(text, len(parts), "\t"):
+            words = {n: unit_word(cells[i]) for n, (i, *_) in named.items() if i < len(cells)}
+            if sum(w in known[n].units for n, w in words.items()) > len(line):
+                line = words
+    columns = {}
+    for name, (i, raw, own) in named.items():
+        stated = own or line.get(name) or ""
+        if stated in MISSING and stated not in known[name].units:
+            stated = ""
+        if stated and stated not in known[name].units:
+            units = ", ".join(u for u in known[name].units if u)
+            raise BadInput(f"{prefix} column {raw.strip()!r}: unit {stated!r} is not known; give one of {units}")
+        columns[name] = Column(i, raw.strip(), stated or known[name].assumed(raw), bool(stated))
+    return columns
+
+
+def _by_order(quantities, order: Sequence[str], width: int, prefix: str) -> dict[str, Column]:
+    if width != len(order):
+        raise BadInput(f"{prefix} {width} columns without names; name them in a line: {_wanted(quantities, order)}")
+    known = {q.name: q for q in quantities}
+    return {name: Column(i, f"column {i + 1}", known[name].default[-1][1], False) for i, name in enumerate(order)}
+
+
+def _wanted(quantities, order: Sequence[str]) -> str:
+    known = {q.name: q for q in quantities}
+    return ", ".join(known[name].usual for name in order)

@@ -1,0 +1,149 @@
+"""From the keys of a case to a theory of friction, and from that to heat in depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, nearest
+from flashtemp.friction import rheology, roughness
+from flashtemp.friction.persson import Payne, Theory
+from flashtemp.friction.shear import Shear
+
+KELVIN = 273.15
+BEYOND = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
+PER_DECADE = 3.0  # deposits in depth
+PRESSED = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
+SKEW_GRID = 128  # points along a side of the roads on which skewness is solved
+CREEP = 0.1  # m/s, at which the modulus that macroasperities feel is taken
+
+
+def theory(values: dict[str, Any], folder, table: str) -> Theory:
+    """The theory that the keys of `table` describe; files are looked up in `folder`.  Raises BadInput."""
+    shear = None
+    if values["shear_stress"] > 0:
+        shear = Shear(values["shear_stress"], values["shear_width"], values["shear_speed"], values["activation"])
+    payne = None
+    if values["payne_rest"] < 1.0:
+        payne = Payne(values["payne_rest"], values["payne_strain"])
+    road = _road(values, folder, table)
+    plain = Theory(_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne)
+    return replace(plain, enlarged=_enlarged(values["flattened"], values["work_of_adhesion"], plain))
+
+
+def _rubber(values, folder, table: str) -> rheology.Rubber:
+    if values["master_curve"] is None:
+        name = values["rubber"]
+        if name not in rheology.READY:
+            raise BadInput(_unknown(f"{table}.rubber", name, rheology.READY, "master_curve"))
+        return replace(rheology.READY[name], poisson=values["poisson"])
+    from flashtemp.friction import dma
+
+    if values["shift"] is not None:
+        shift = dma.read_shift(values["shift"], folder, f"{table}.shift")
+    else:
+        constants = values["wlf"]
+        if len(constants) != 2 or not all(isinstance(c, (int, float)) and c > 0 for c in constants):
+            raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
+        shift = rheology.WLF(*constants, values["reference"] + KELVIN)
+    curve = dma.read_master(values["master_curve"], folder, f"{table}.master_curve", shift, values["poisson"])
+    return rheology.Rubber(curve, shift, values["poisson"], "measured")
+
+
+def _road(values, folder, table: str) -> roughness.Spectrum:
+    if values["spectrum"] is None:
+        name = values["road"]
+        if name not in roughness.READY:
+            raise BadInput(_unknown(f"{table}.road", name, roughness.READY, "spectrum"))
+        road = roughness.READY[name]
+    else:
+        from flashtemp.friction import texture
+
+        points = texture.read_spectrum(values["spectrum"], folder, f"{table}.spectrum")
+        road = roughness.Spectrum(points, points.q[0], points.q[-1], "measured")
+    road = road if values["lowest"] is None else replace(road, q0=values["lowest"])
+    if values["highest"] is not None:
+        if not values["highest"] > road.q0:
+            raise BadInput(f"{table}.highest: {values['highest']:g} 1/m is not above the lowest, {road.q0:.4g} 1/m")
+        return replace(road, q1=values["highest"])
+    try:
+        return road.to_slope(values["rms_slope"])
+    except BadInput as fault:
+        raise BadInput(f"{table}.{fault}") from fault
+
+
+def _unknown(key: str, name: str, ready, otherwise: str) -> str:
+    return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
+
+
+@lru_cache(maxsize=32)
+def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
+    """What skewness and work of adhesion do to the area; skewness takes seconds."""
+    parts = []
+    if flattened < 1.0:
+        from flashtemp.friction import skew
+
+        pressed = tuple(PRESSED.tolist())
+        parts.append(skew.skewed(flattened, low_modulus(plain), pressed, SKEW_GRID, road=plain.road))
+    if work > 0.0:
+        from flashtemp.friction import attraction
+
+        rest = replace(plain, payne=None)
+        parts.append(attraction.attracted(rest, CREEP, 293.15, work, PRESSED, viscous=0.0))
+    return tuple(parts)
+
+
+def low_modulus(theory: Theory) -> float:
+    """Contact modulus |E|/(1 - nu^2) (Pa) that the longest waves of the road feel in slow sliding at 20 degC."""
+    E = theory.rubber(theory.road.q0 * CREEP, 293.15)
+    return float(np.abs(E) / (1 - theory.rubber.poisson**2))
+
+
+def depths(theory: Theory, speeds, T: float, p: float, shallow: float) -> list[tuple[float, float]]:
+    """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `shallow` (m).
+
+    The spectrum of dmu/dq, whose heat decays over 1/(2q), at the mean (geometric) of two speeds (m/s), T (K) and
+    p (Pa), gathered in a few depths; eqs. (6) and (7).
+    """
+    found = theory(float(np.sqrt(speeds[0] * speeds[1])), T, p)
+    share = found.density * found.weight / found.mu
+    depth = 0.5 / found.q
+    bin_of = np.floor(PER_DECADE * np.log10(depth / shallow)).astype(int)
+    out = []
+    for k in np.unique(bin_of[bin_of >= 0]):
+        mine = bin_of == k
+        total = float(share[mine].sum())
+        out.append((total, float(np.exp(np.sum(share[mine] * np.log(depth[mine])) / total))))
+    return [(s, d) for s, d in out if s > 1e-6]
+
+
+def beyond(theory: Theory, speeds, T: float, p: float) -> list[str]:
+    """In words: how much friction comes from frequencies or wavenumbers that nobody measured; speeds in m/s, T in K."""
+    said = [line for v in speeds for line in _beyond(theory, v, T, p)]
+    return list(dict.fromkeys(said))
+
+
+def _beyond(theory: Theory, v: float, T: float, p: float) -> list[str]:
+    found = theory(v, T, p)
+    share = found.density * found.weight / np.maximum(found.viscous, 1e-300)
+    low, high = theory.rubber.modulus.reach
+    omega = found.q * v * theory.rubber.factor(T)
+    q_low, q_high = theory.road.law.reach
+    cold, warm = theory.rubber.shift.reach
+    says = []
+    for part, outside, what in (
+        (share[omega > high].sum(), f"above {high:.3g} rad/s", "the master curve"),
+        (share[omega < low].sum(), f"below {low:.3g} rad/s", "the master curve"),
+        (share[found.q > q_high * (1 + 1e-9)].sum(), f"above {q_high:.3g} 1/m", "the spectrum"),
+        (share[found.q < q_low * (1 - 1e-9)].sum(), f"below {q_low:.3g} 1/m", "the spectrum"),
+    ):
+        if part > BEYOND:
+            says.append(f"{100 * part:.0f} % of the viscoelastic friction comes from {outside}, beyond {what}")
+    if not cold <= T <= warm:
+        says.append(
+            f"{T - KELVIN:.0f} degC lies beyond the shift factors ({cold - KELVIN:.0f} to {warm - KELVIN:.0f} degC)"
+        )
+    return says

@@ -1,0 +1,126 @@
+"""Memory kernels of flash temperature (Level K): what friction heat released a while ago does to every wavenumber.
+
+A wavenumber q feels T_q = int 2q exp(-2qz) T dz; heat of wavenumber q' decays as exp(-2q'z).  In a half-space
+
+    T_q(t) = T_b + int dt' h(w) int dq' Q'(q', t') K(2q, 2q', D(t - t'))/(rho c),    w = |s(t) - s(t')|/D_spot
+
+with K(a, b, D tau) = ab/(b^2 - a^2) [b erfcx(a sqrt(D tau)) - a erfcx(b sqrt(D tau))] (theory 1.6, V4).
+
+>>> age = 0.01 * 0.25 / (1200 * 1700)
+>>> print(f"{kernel(2e4, 2e4, age):.4f} {kernel(2e4, 2e5, age):.4f}")
+8003.3472 10462.5656
+>>> round(float(overlap(0.0)), 9), round(overlap_integral(1.0), 6)
+(1.0, 1.220416)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import erfcx
+
+FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
+ROOT_PI = np.sqrt(np.pi)
+
+
+def overlap(w):
+    """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
+    w = np.clip(w, 0.0, 1.0)
+    return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
+
+
+@cache
+def _build_up() -> CubicSpline:
+    s = np.linspace(0.0, 1.0, 201)  # s = sqrt(w) removes the square-root start
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half = 0.5 * np.diff(s)
+    mid = 0.5 * (s[1:] + s[:-1])
+    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=True)) * half
+    return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
+
+
+def overlap_integral(r):
+    """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
+    return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
+
+
+def kernel(a, b, age):
+    """K (1/m) of decay rates a = 2q of what feels and b = 2q' of what heats (1/m); `age` is D (t - t') in m^2."""
+    s = np.sqrt(age)
+    if np.ndim(a) == 0 and a == b:
+        return _alike(a, a * s)
+    return a * b / (b * b - a * a) * (b * erfcx(a * s) - a * erfcx(b * s))
+
+
+def _alike(a, y):
+    """K of equal rates a at y = a sqrt(age); its closed form cancels for large y."""
+    near = np.minimum(y, 20.0)
+    closed = 0.5 * a * ((1.0 - 2.0 * near * near) * erfcx(near) + 2.0 * near / ROOT_PI)
+    far = np.maximum(y, 20.0)
+    return np.where(y > 20.0, a * (1.0 - 1.0 / far**2 + 2.25 / far**4) / (ROOT_PI * far), closed)
+
+
+def _response(y):
+    """(erfcx y - 1 + 2y/sqrt pi)/y^2: mean over its duration of what a steady source has done."""
+    y = np.asarray(y, dtype=float)
+    safe = np.where(y > 0.02, y, 1.0)
+    series = 1.0 - 4.0 * y / (3 * ROOT_PI) + y**2 / 2 - 8.0 * y**3 / (15 * ROOT_PI) + y**4 / 6
+    return np.where(y > 0.02, (erfcx(safe) - 1.0 + 2.0 * safe / ROOT_PI) / safe**2, series)
+
+
+def step_response(a: float, b: float, diffusivity: float, t: float) -> float:
+    """int_0^t K dt' in s/m: times Q/(rho c) the rise of T_q by a steady source of Q W/m2 (V4)."""
+    s = np.sqrt(diffusivity * t)
+    if a == b:
+        return float(0.5 * a * t * (3.0 * _response(a * s) - 2.0 * erfcx(a * s)))
+    return float(a * b / (b * b - a * a) * t * (b * _response(a * s) - a * _response(b * s)))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The half-space's answer between all wavenumbers q (n,) 1/m; `capacity` rho c in J/m3K, `diffusivity` m2/s.
+
+    K(2q, 2q') parts into products of functions of one wavenumber each, so that a history of N steps costs N n and
+    one product with a matrix, not N n^2.
+    """
+
+    q: np.ndarray
+    capacity: float
+    diffusivity: float
+
+    @cached_property
+    def _split(self):
+        a = 2.0 * self.q
+        gap = a[None, :] ** 2 - a[:, None] ** 2
+        np.fill_diagonal(gap, np.inf)
+        return a[:, None] * a[None, :] ** 2 / gap, a[:, None] ** 2 * a[None, :] / gap
+
+    def spread(self, heat: np.ndarray) -> np.ndarray:
+        """The first of the two products for a heat (n,) W/m2 per node, to be kept with it."""
+        return self._split[0] @ heat
+
+    def feel(self, age) -> tuple[np.ndarray, np.ndarray]:
+        """int_0^age of the two parts: off the diagonal and on it (..., n), s and s/m."""
+        age = np.asarray(age, dtype=float)[..., None]
+        a = 2.0 * self.q
+        y = a * np.sqrt(self.diffusivity * age)
+        f = _response(y)
+        return age * f, 0.5 * a * age * (3.0 * f - 2.0 * erfcx(y))
+
+    def rise(self, off, on, heat, spread) -> np.ndarray:
+        """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `feel`."""
+        mixed = np.sum(off * spread, axis=0) - self._split[1] @ np.sum(off * heat, axis=0)
+        return (mixed + np.sum(on * heat, axis=0)) / self.capacity
+
+    def steady(self, residence: float) -> tuple[np.ndarray, np.ndarray]:
+        """Weights (1, n) of a heat that has always acted, while a spot passes in `residence` s."""
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        edges = np.linspace(0.0, 1.0, 33)
+        half = 0.5 * np.diff(edges)[:, None]
+        u = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * nodes).ravel()  # age = residence u^3
+        h = ((half * weights).ravel() * 3 * u**2 * residence * overlap(u**3))[:, None]
+        y = 2.0 * self.q * np.sqrt(self.diffusivity * residence * u**3)[:, None]
+        return np.sum(h * erfcx(y), axis=0)[None], np.sum(h * _alike(self.q * 2.0, y), axis=0)[None]

@@ -1,0 +1,138 @@
+"""Power spectrum C(q) of a rough road: <h^2> = 2 pi int q C dq, isotropic, q in 1/m, C in m^4.
+
+>>> road = READY["asphalt A"]
+>>> print(f"{road.law.level:.10e} {road.q1:.7e} {road.slope():.6f}")
+1.3984054661e-14 2.5401710e+06 1.300000
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq
+
+from flashtemp.errors import BadInput
+
+SLOPE = 1.3  # rms slope at which spectra end: Persson's usual cut-off
+
+
+@dataclass(frozen=True)
+class SelfAffine:
+    """C = `level` (m^4) below the roll-off wavenumber `rolloff` (1/m), falling as q^(-2-2 hurst) above."""
+
+    level: float
+    rolloff: float
+    hurst: float
+
+    def __call__(self, q):
+        return self.level * np.maximum(np.asarray(q) / self.rolloff, 1.0) ** (-2.0 - 2.0 * self.hurst)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Wavenumbers at which the law bends."""
+        return (self.rolloff,)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
+@dataclass(frozen=True)
+class Points:
+    """Measured C (m^4) at wavenumbers q (1/m, rising): power laws between, the last one going on beyond."""
+
+    q: tuple[float, ...]
+    C: tuple[float, ...]
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return self.q
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest measured wavenumber, 1/m."""
+        return self.q[0], self.q[-1]
+
+    @cached_property
+    def _logs(self):
+        x, y = np.log(self.q), np.log(self.C)
+        upper = x > x[-1] - np.log(10.0)  # the last decade tells the power law beyond
+        slope = np.polyfit(x[upper], y[upper], 1)[0] if upper.sum() > 2 else (y[-1] - y[-2]) / (x[-1] - x[-2])
+        return x, y, float(np.clip(slope, -4.0, -2.0))
+
+    def __call__(self, q):
+        x, y, slope = self._logs
+        at = np.log(q)
+        return np.exp(np.interp(at, x, y) + slope * np.maximum(at - x[-1], 0.0))
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """A law C(q) between the wavenumbers q0 and q1 (1/m)."""
+
+    law: SelfAffine | Points
+    q0: float
+    q1: float
+    name: str = "road"
+
+    def __call__(self, q):
+        """C in m^4."""
+        return self.law(q)
+
+    def edges(self, per_decade: float = 4.0) -> np.ndarray:
+        """Wavenumbers that part q0..q1 into panels on which C is smooth."""
+        inner = [b for b in self.law.breaks if self.q0 < b < self.q1]
+        if len(inner) > 40:  # a table: its steps are finer than the panels need to be
+            inner = []
+        marks = [self.q0, *inner, self.q1]
+        parts = [
+            np.geomspace(a, b, max(1, round(per_decade * np.log10(b / a))) + 1)[:-1]
+            for a, b in zip(marks[:-1], marks[1:], strict=True)
+        ]
+        return np.append(np.concatenate(parts), self.q1)
+
+    def _moment(self, power: int, upto: float) -> float:
+        """2 pi int q^power C dq from q0 to `upto`."""
+        if upto <= self.q0:
+            return 0.0
+        edges = replace(self, q1=upto).edges(40.0)
+        nodes, weights = np.polynomial.legendre.leggauss(6)
+        mid, half = 0.5 * np.log(edges[1:] * edges[:-1]), 0.5 * np.diff(np.log(edges))
+        q = np.exp(mid + np.multiply.outer(nodes, half))
+        return float(2 * np.pi * np.sum(weights[:, None] * half * q ** (power + 1) * self.law(q)))
+
+    def slope(self, upto: float | None = None) -> float:
+        """Rms slope of the roughness up to a wavenumber, q1 if none is given."""
+        return float(np.sqrt(self._moment(3, upto or self.q1)))
+
+    @property
+    def height(self) -> float:
+        """Rms height, m."""
+        return float(np.sqrt(self._moment(1, self.q1)))
+
+    def to_slope(self, slope: float) -> Spectrum:
+        """The spectrum cut where its rms slope reaches `slope`.  Raises BadInput where it never does."""
+        low, high = np.log(self.q0 * 1.01), np.log(1e11)
+        if self.slope(np.exp(high)) < slope:
+            raise BadInput(f"rms_slope: {slope:g} is never reached by this spectrum; give its upper wavenumber instead")
+        found = brentq(lambda x: self.slope(np.exp(x)) - slope, low, high, xtol=1e-12)
+        return replace(self, q1=float(np.exp(found)))
+
+
+def self_affine(height: float, rolloff: float, hurst: float, q0: float, slope: float = SLOPE, name="road") -> Spectrum:
+    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope.
+
+    Raises BadInput for a Hurst exponent outside ]0, 1[ or a roll-off below q0.
+    """
+    if not 0 < hurst < 1 or not rolloff > q0:
+        raise BadInput(f"self-affine spectrum: hurst {hurst:g}, rolloff {rolloff:g}; give 0 < hurst < 1, rolloff > q0")
+    level = height**2 / (2 * np.pi * (0.5 * (rolloff**2 - q0**2) + rolloff**2 / (2 * hurst)))
+    return Spectrum(SelfAffine(level, rolloff, hurst), q0, 10 * rolloff, name).to_slope(slope)
+
+
+READY = {
+    "asphalt A": self_affine(3e-4, 1000.0, 0.9, 250.0, name="asphalt A"),
+    "concrete B": self_affine(5e-5, 3000.0, 0.8, 250.0, name="concrete B"),
+}

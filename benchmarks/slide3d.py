@@ -2,8 +2,12 @@
 
     python benchmarks/slide3d.py                    1.0e6 cells, both bindings
     python benchmarks/slide3d.py --sizes            cost from 1e4 to 4e6 cells
+    python benchmarks/slide3d.py --memory           peak memory per cell at 1.0e6 cells
+    python benchmarks/slide3d.py --parts            where the time goes at 1.0e6 cells
     python benchmarks/slide3d.py --bandwidth        what memory allows
     python benchmarks/slide3d.py --reference        make tests/data/slide3d_reference.json anew (some minutes)
+
+Figures last measured: docs/performance.md.
 """
 
 from __future__ import annotations
@@ -12,7 +16,9 @@ import argparse
 import json
 import resource
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -85,20 +91,70 @@ def million(repeat: int) -> None:
             f"{error(run):8.3f} {np.median(spent):7.2f}   {min(spent):.2f} to {max(spent):.2f}",
             flush=True,
         )
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / run.mesh.n_cells:.0f} B per cell")
 
 
 def sizes() -> None:
     go(MILLION | {"numerics.mesh": 0.2})
-    rows = []
-    for level in (0.215, 0.34, 0.54, 0.8, 1.0, 1.26, 1.59):
-        run, seconds = go(MILLION | {"numerics.mesh": level})
-        rows.append((run.mesh.n_cells, seconds))
-        per = 1e6 * seconds / run.mesh.n_cells / run.statistics["steps"]
-        print(f"{run.mesh.n_cells:9d} cells {run.statistics['steps']:4d} steps {seconds:7.2f} s  "
-              f"{per:.4f} us per cell and step", flush=True)  # fmt: skip
-    cells, spent = np.log(np.array(rows)).T
-    print(f"cost grows as cells^{np.polyfit(cells, spent, 1)[0]:.2f}")
+    for binding in available():
+        rows = []
+        for level in (0.215, 0.34, 0.54, 0.8, 1.0, 1.26, 1.59):
+            run, seconds = go(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
+            rows.append((run.mesh.n_cells, seconds))
+            per = 1e6 * seconds / run.mesh.n_cells / run.statistics["steps"]
+            print(f"{binding:15s} {run.mesh.n_cells:9d} cells {run.statistics['steps']:4d} steps {seconds:7.2f} s  "
+                  f"{per:.4f} us per cell and step", flush=True)  # fmt: skip
+            del run
+        cells, spent = np.log(np.array(rows)).T
+        print(f"{binding:15s} cost grows as cells^{np.polyfit(cells, spent, 1)[0]:.2f}", flush=True)
+
+
+def peak(binding: str) -> float:
+    """Bytes per cell by which 1.0e6 cells raise the peak of this process over that of a small run."""
+    go(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    run, _ = go(MILLION | {"numerics.integrator": binding})
+    return 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / run.mesh.n_cells
+
+
+def memory() -> None:
+    for binding in available():
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
+            print(f"{binding:15s} {fresh.submit(peak, binding).result():.0f} B per cell", flush=True)
+
+
+def parts() -> None:
+    """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
+    from flashtemp import kernels, slabs
+    from flashtemp.stage import Stage
+
+    go(MILLION | {"numerics.mesh": 0.2})
+    spent = dict.fromkeys(("loops", "callbacks"), 0.0)
+
+    def timed(function, name):
+        def run(*args):
+            began = time.perf_counter()
+            out = function(*args)
+            spent[name] += time.perf_counter() - began
+            return out
+
+        return run
+
+    for module, names in ((slabs, ("flows", "sweep", "lift")), (kernels, ("add_slopes", "exchange", "factorise"))):
+        for name in names:
+            setattr(module, name, timed(getattr(module, name), "loops"))
+    for name in ("rate", "times", "setup", "solve"):
+        setattr(Stage, name, timed(getattr(Stage, name), "callbacks"))
+    for binding in available():
+        spent |= dict.fromkeys(spent, 0.0)
+        began = time.perf_counter()
+        go(MILLION | {"numerics.integrator": binding})
+        whole = time.perf_counter() - began
+        laws, outside = spent["callbacks"] - spent["loops"], whole - spent["callbacks"]
+        print(
+            f"{binding:15s} {whole:6.2f} s: loops {spent['loops']:.2f}, rest of the callbacks {laws:.2f}, "
+            f"outside {outside:.2f}",
+            flush=True,
+        )
 
 
 def bandwidth() -> None:
@@ -121,7 +177,8 @@ def bandwidth() -> None:
             spent.append(time.perf_counter() - began)
         return min(spent)
 
-    copy = best(lambda: np.copyto(out, r))
+    far, near = np.tile(r, 16), np.tile(r, 16)  # more than any cache holds
+    copy = best(lambda: np.copyto(far, near)) / 16
     rate = 16 * n / copy
     print(f"{n} unknowns; copy {1e3 * copy:.2f} ms, {rate / 1e9:.1f} GB/s read and written")
     for name, what in (
@@ -136,7 +193,7 @@ def bandwidth() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("sizes", "bandwidth", "reference"):
+    for name in ("sizes", "memory", "parts", "bandwidth", "reference"):
         parser.add_argument(f"--{name}", action="store_true")
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
@@ -144,6 +201,10 @@ def main() -> None:
         reference()
     elif options.sizes:
         sizes()
+    elif options.memory:
+        memory()
+    elif options.parts:
+        parts()
     elif options.bandwidth:
         bandwidth()
     else:

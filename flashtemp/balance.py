@@ -19,6 +19,8 @@ from flashtemp.scene import Scene
 from flashtemp.sites import Sites
 
 LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
+NETS = {"friction": 1.0, "into_road": -1.0}  # how entries of the ledger add to the heat in block and road together
+LANES = {"lane_in": 1.0, "lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
 FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
@@ -105,6 +107,10 @@ class Balance:
         slope[mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
         slope[mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
         return np.repeat(slope, mesh.n_across)
+
+    def counts(self, name: str) -> float:
+        """How an entry of the ledger adds to the heat in block and road together."""
+        return self.share * LANES[name] if name in LANES else NETS.get(name, 1.0)
 
     def rise(self, h: np.ndarray) -> np.ndarray:
         """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""

@@ -91,12 +91,13 @@ def write(run: Run, path: Path) -> None:
     with h5py.File(path, "w") if size > LARGE else in_memory(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         _mark(root, "MultiBlockDataSet")
-        for name, body in bodies(run).items():
+        solids = bodies(run)
+        for name, body in solids.items():
             data = _leaf(root, name, *_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)})
             for i in range(len(times)):
                 T = run.field[i][body.cells]
                 data(i, {"T_degC": T.ravel(), "q_W_m2": body.heat_flux(T)})
-        block = bodies(run)["block"]
+        block = solids["block"]
         data = _leaf(root, "contact", *_grid(block.x, block.y, np.zeros(1)), times, dict.fromkeys(contact(run, 0), ()))
         for i in range(len(times)):
             data(i, contact(run, i))
@@ -104,7 +105,7 @@ def write(run: Run, path: Path) -> None:
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
         assembly = root.create_group("Assembly", track_order=True)
-        for name in (*bodies(run), "contact"):
+        for name in (*solids, "contact"):
             assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
         about = file.create_group("flashtemp")
         about.attrs["title"] = run.title
@@ -175,9 +176,9 @@ def _steps(leaf, times: np.ndarray, cells: int, names: list[str]) -> None:
 def write_pvd(run: Run, folder: Path) -> Path:
     """Write a .pvd collection of block, road and contact for ParaView on VTK older than 9.5."""
     folder.mkdir(parents=True, exist_ok=True)
-    entries = []
+    entries, solids = [], bodies(run)
     for i, t in enumerate(run.time[run.frames]):
-        for part, (name, grid) in enumerate(_parts(run, i).items()):
+        for part, (name, grid) in enumerate(_parts(run, solids, i).items()):
             file = folder / f"{name}_{i:04d}.{'vtp' if name == 'contact' else 'vtr'}"
             grid.save(file)
             entries.append(f'    <DataSet timestep="{t:.9g}" part="{part}" name="{name}" file="{file.name}"/>')
@@ -190,15 +191,15 @@ def write_pvd(run: Run, folder: Path) -> Path:
     return path
 
 
-def _parts(run: Run, frame: int) -> dict:
+def _parts(run: Run, solids: dict[str, Body], frame: int) -> dict:
     """pyvista grids of block and road and the lines of the contact at a frame."""
     import pyvista as pv
 
     out = {}
-    for name, body in bodies(run).items():
+    for name, body in solids.items():
         out[name] = pv.RectilinearGrid(body.x, body.y, body.z)
         out[name].cell_data["T_degC"] = run.field[frame][body.cells].T.ravel()
-    block = bodies(run)["block"]
+    block = solids["block"]
     points, corners, kind = _grid(block.x, block.y, np.zeros(1))
     cells = np.insert(corners, 0, corners.shape[1], axis=1).ravel()
     out["contact"] = pv.PolyData(points, **{"lines" if kind == LINE else "faces": cells})

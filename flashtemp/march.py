@@ -265,7 +265,6 @@ def record(balance, stage, t, y, now, frame, precision=np.float32) -> None:
         spot = surface + C0
         below = np.tile(under, mesh.last - mesh.first)
         lane = below + state.lane * (T[balance.cell_road] - below) + C0
-    lanes = stage.footprint.lanes(state, moment)
     behind = mesh.planes(T)[mesh.road[mesh.last :, -1]]  # lanes keep their heat as they widen: so does the mean
     wake = C0 + under + state.covered * (behind - under)
     block, road = np.add(balance.stored(y), now.left)

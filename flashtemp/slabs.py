@@ -37,6 +37,25 @@ def _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
 
 
 @njit(cache=True)
+def _line(i, start):
+    """First row of line i, of the one upstream (itself where there is none), of the two downstream."""
+    a, b = start[i], start[i + 1]
+    return a, start[i - 1] if i > 0 else a, b, start[i + 2] if i + 2 < len(start) else b
+
+
+@njit(cache=True)
+def _neighbours(k, line, m):
+    """Rows above, below, upstream, downstream of place k of a `_line`; its own where none is or the interface lies."""
+    a, before, b, end = line
+    c = a + k
+    up = c + 1 if c + 1 < b and k + 1 != m else c
+    down = c - 1 if k > 0 and k != m else c
+    back = before + k if before + k < a else c
+    to = b + k if b + k < end else c
+    return up, down, back, to
+
+
+@njit(cache=True)
 def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g_in, share, capacity, q):
     """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
 
@@ -45,16 +64,11 @@ def flows(start, m, gx, gz, gy, carry, slope, before, after, T, h, T_in, h_in, g
     """
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
-        a, b = start[i], start[i + 1]
-        size = b - a
-        p = start[i - 1] if i > 0 else a
-        behind = start[i + 2] - b if i + 1 < n else 0
-        for k in range(size):
-            c = a + k
-            up, over = (c + 1, gz[c]) if k + 1 < size else (c, 0.0)
-            down, under = (c - 1, gz[c - 1]) if k > 0 else (c, 0.0)
-            back, ahead = (p + k, gx[c]) if i > 0 and k < a - p else (c, 0.0)
-            to, along = (b + k, gx[b + k]) if k < behind else (c, 0.0)
+        line = _line(i, start)
+        for c in range(line[0], line[2]):
+            k = c - line[0]
+            up, down, back, to = _neighbours(k, line, m)
+            over, under, ahead, along = gz[c], gz[down], gx[c], gx[to]
             for j in range(ny):
                 here = T[c, j]
                 z = (T[up, j] - here) * over + (T[down, j] - here) * under
@@ -75,16 +89,10 @@ def varying_flows(start, m, half_x, half_z, gy, factor, carry, slope, dy, T, h, 
     """`flows` where conductivity varies: `factor` (cells of a plane, planes) k/k_reference, `dy` (planes,) m."""
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
-        a, b = start[i], start[i + 1]
-        size = b - a
-        p = start[i - 1] if i > 0 else a
-        behind = start[i + 2] - b if i + 1 < n else 0
-        for k in range(size):
-            c = a + k
-            up = c + 1 if k + 1 < size and k + 1 != m else c  # the interface belongs to the contact laws
-            down = c - 1 if k > 0 and k != m else c
-            back = p + k if i > 0 and k < a - p else c
-            to = b + k if k < behind else c
+        line = _line(i, start)
+        for c in range(line[0], line[2]):
+            k = c - line[0]
+            up, down, back, to = _neighbours(k, line, m)
             for j in range(ny):
                 f, here = factor[c, j], T[c, j]
                 over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j]))

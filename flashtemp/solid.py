@@ -33,18 +33,19 @@ class _Solid:
             raise SolverFailure("thermal conductivity fell to zero or below")
         return f
 
-    def linearise(self, gamma: float, kf, carry, stretch, own, up, down, deposits) -> None:
+    def linearise(self, gamma: float, kf, carry, stretch, own, up, down, deposits, rows) -> None:
         """Factors of P ~ I - gamma J around conductivities `kf` (cells,) and dh/dT `stretch`.
 
         `carry` (n_road,) rho c v dz; `own` [(cells, slopes)] heat per rise on the diagonal, `up`, `down`
         (columns,) across the interface: d(road heat)/d(block T) and d(block heat)/d(road T).  `deposits`: slopes
         (columns,) of the heat in depth with both temperatures; in P it is in the cells at the face.
+        `rows` {entry of the ledger: (cells, slopes)} in W/(m K).
         """
         self.gamma, self.kf, self.carry, self.stretch = gamma, kf, carry, stretch
         self.cell = np.concatenate([np.empty(0, dtype=np.int64), *(np.ravel(cells) for cells, _ in own)])
         self.slope = np.concatenate([np.empty(0), *(np.ravel(slope) for _, slope in own)])
         self.up, self.down, self.deposits = up, down, deposits
-        self._factorise()
+        self._factorise(rows)
 
     def product(self, T, out) -> None:
         """out = J v of cells whose temperatures change by T (cells,), in K/s; nothing enters with the road."""
@@ -85,7 +86,7 @@ class Plane(_Solid):
         )
         q /= b.capacity
 
-    def _factorise(self) -> None:
+    def _factorise(self, rows) -> None:
         b, mesh = self.b, self.mesh
         self._for, self._at = self.kf, self._conductances(self.kf)
         own = np.zeros(b.n)
@@ -98,7 +99,7 @@ class Plane(_Solid):
             own, up, down, b.share, self.stretch, *self.factors,
         )  # fmt: skip
 
-    def solve(self, r, z, net) -> None:
+    def solve(self, r, z) -> None:
         """z = P^-1 r of cells; the columns of P conserve heat by themselves."""
         b, mesh = self.b, self.mesh
         kernels.sweep(mesh.start, mesh.n_road, b.capacity, self.gamma, *self.across, *self.factors, r, z)
@@ -138,7 +139,7 @@ class Slab(_Solid):
                 T, h, T_in, h_in, b.g_in, mesh.share, b.capacity, q,
             )  # fmt: skip
 
-    def _factorise(self) -> None:
+    def _factorise(self, rows) -> None:
         """Factors of the mean plane; then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.mesh, self.mesh.n_across
         share, gamma = mesh.share, self.gamma
@@ -160,7 +161,7 @@ class Slab(_Solid):
             mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry, b.slope, b.g_in, gamma,
             own, up, down, b.share, stretch, *self.factors,
         )  # fmt: skip
-        self.mean_stretch = stretch
+        self._net(rows, stretch)
         # slopes come with each plane's share of the width: what a plane's own matrix has is more by that
         self.crossing = tuple(np.ascontiguousarray(a.reshape(-1, n) / share) for a in (self.up, self.down))
         place = self.face[self.cell // n]
@@ -170,11 +171,18 @@ class Slab(_Solid):
         pivot = 1.0 / (1.0 / self.factors[0][self.faces][:, None] - gamma * (local - own[self.faces][:, None]))
         self.pivots = pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :]
 
-    def solve(self, r, z, net) -> None:
-        """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings.
+    def _net(self, rows, stretch) -> None:
+        """`net` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `holds`."""
+        b, mesh = self.b, self.mesh
+        self.net = cells, weights = (
+            np.concatenate([i for i, _ in rows.values()]),
+            np.concatenate([b.counts(name) * w for name, (_, w) in rows.items()]),
+        )
+        inside = mesh.level[cells // mesh.n_across] >= mesh.n_road
+        self.holds = (b.capacity * stretch)[mesh.block].sum() - self.gamma * weights[inside].sum()
 
-        `net` (cells, weights): heat that the ledger says is released per rise of these cells, W/(m K).
-        """
+    def solve(self, r, z) -> None:
+        """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings."""
         b, mesh = self.b, self.mesh
         given, kept = slabs.sweep(
             mesh.start, mesh.n_road, mesh.first, b.capacity, self.weight, mesh.share, self.gamma, *self.crossing,
@@ -182,7 +190,6 @@ class Slab(_Solid):
         )  # fmt: skip
         if self.stretch is not b.ones:
             kept = (self.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
-        cells, weights = net
-        inside = mesh.level[cells // mesh.n_across] >= mesh.n_road
-        holds = (b.capacity * self.mean_stretch)[mesh.block].sum() - self.gamma * weights[inside].sum()
-        slabs.lift(mesh.start, mesh.n_road, (given - kept + self.gamma * (weights @ z[cells])) / holds, mesh.planes(z))
+        cells, weights = self.net
+        missing = given - kept + self.gamma * (weights @ z[cells])
+        slabs.lift(mesh.start, mesh.n_road, missing / self.holds, mesh.planes(z))

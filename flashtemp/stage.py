@@ -11,9 +11,6 @@ from flashtemp.errors import SolverFailure
 from flashtemp.footprint import Footprint, Meeting
 from flashtemp.solid import solid
 
-NETS = {"friction": 1.0, "into_road": -1.0}  # how entries of the ledger add to the heat in block and road together
-LANES = {"lane_in": 1.0, "lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
-
 
 class Stage:
     """The balance during one phase of the schedule: rate, linearisation and preconditioner."""
@@ -126,7 +123,6 @@ class Stage:
                 rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
             if b.abrades:
                 self.coupling = Coupling(self.footprint, meeting, now, T, T_in, kf, self.gamma)
-        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down, deposits)
         before, last, first = (mesh.everywhere(mesh.road[i]) for i in (-2, -1, 0))
         leave, back = (np.outer(self.carry, mesh.share) * self.stretch[cells] for cells in (last, before))
         rows["lane_out"] += [
@@ -139,12 +135,7 @@ class Stage:
             for name, parts in rows.items()
             if parts
         }
-        lanes = {name: b.share * sign for name, sign in LANES.items()}
-        counts = {name: (NETS | lanes).get(name, 1.0) for name in self.rows}
-        self.net = (
-            np.concatenate([i for i, _ in self.rows.values()]),
-            np.concatenate([counts[name] * w for name, (_, w) in self.rows.items()]),
-        )
+        self.solid.linearise(self.gamma, kf, self.carry, self.stretch, own, up, down, deposits, self.rows)
 
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v with the balance linearised at the last set-up; conserves heat like the rate.
@@ -173,7 +164,7 @@ class Stage:
             r = r.copy()
             w.add(w.pressure(w.undo(r[b.worn])), r, self.gamma)
         z[n:] = r[n:]
-        self.solid.solve(r[:n], T, self.net)
+        self.solid.solve(r[:n], T)
         for name, (index, weight) in self.rows.items():
             z[b.entry[name]] += self.gamma * (weight @ T[index])
         if w is not None:

@@ -17,6 +17,8 @@ from flashtemp.errors import BadInput
 from flashtemp.friction.texture import library
 from flashtemp.patterns import ContactMap
 
+STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
+
 
 @dataclass(frozen=True)
 class Spots:
@@ -56,15 +58,49 @@ class Spots:
         )
 
 
-def read(file: Path):
-    """A topography from any of the instrument files that SurfaceTopography reads.  Raises BadInput."""
+def read(file: Path, size: tuple[float, float] | None = None):
+    """A topography from any of the files that SurfaceTopography reads, in m; raises BadInput.
+
+    `size` (m): length along the direction of sliding and width, for files that hold heights alone.
+    """
     surface = library()
     try:
-        road = surface.read_topography(str(file))
-        return (road.to_unit("m") if road.unit else road).detrend("height")
+        with surface.open_topography(str(file)) as opened:
+            channel = opened.default_channel
+            own, unit, area = channel.physical_sizes, channel.unit, channel.dim == 2
     except Exception as fault:  # readers raise whatever the damage leads to
-        why = " ".join(str(fault).split())[:120]
-        raise BadInput(f"{file}: no topography: {why}; give a height map of an instrument, or --synthetic") from fault
+        raise BadInput(_unread(file, fault)) from fault
+    if not area:
+        raise BadInput(f"{file}: a line, not an area; give a height map")
+    if own is None and size is None:
+        raise BadInput(f"{file}: heights without the size of their area; give --length and --width, m")
+    if own is not None and size is not None:
+        raise BadInput(f"--length, --width: {file} states its own size; leave them out")
+    try:
+        given = {}
+        if own is None:
+            given["physical_sizes"] = size if unit is None else tuple(s / _metres(unit) for s in size)
+        road = surface.read_topography(str(file), **given)
+        road = (road.to_unit("m") if road.unit else road).detrend("height")
+        rms = road.rms_height_from_area()
+    except Exception as fault:
+        raise BadInput(_unread(file, fault)) from fault
+    if not unit and rms > STEEP * min(road.physical_sizes):
+        raise BadInput(f"{file}: heights of {rms:.3g} m rms on {min(road.physical_sizes):.3g} m; give heights in m")
+    return road
+
+
+def _unread(file, fault) -> str:
+    why = " ".join(str(fault).split())[:120]
+    remedy = "give a height map of an instrument, a text matrix of heights in m, or --synthetic"
+    return f"{file}: no topography: {why}; {remedy}"
+
+
+def _metres(unit: str) -> float:
+    """Length of a unit in m."""
+    from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor
+
+    return get_unit_conversion_factor(unit, "m")
 
 
 def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int):

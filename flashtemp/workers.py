@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
@@ -32,18 +33,13 @@ def crew(function: Callable, workers: int | None = None, scheduler: str | None =
         with _cluster(function, scheduler) as run:
             yield run
         return
-    if workers is not None and workers < 1:
-        raise BadInput(f"--workers: {workers}; give at least 1")
-    count = workers or os.cpu_count() or 1
+    count = _hands(workers)
     if count == 1:
         yield lambda tasks: [attempt(function, t) for t in tasks]
         return
-    from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
-    from functools import partial
-    from multiprocessing import get_context
 
-    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet) as pool:
+    with _pool(count) as pool:
 
         def run(tasks):
             try:
@@ -65,20 +61,17 @@ def stream(
     if scheduler is not None:
         yield from _from_cluster(function, tasks, scheduler)
         return
-    if workers is not None and workers < 1:
-        raise BadInput(f"--workers: {workers}; give at least 1")
-    count = min(workers or os.cpu_count() or 1, len(tasks))
+    count = min(_hands(workers), len(tasks))
     if count <= 1:
         for k, task in enumerate(tasks):
             yield k, attempt(function, task)
         return
-    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures import as_completed
     from concurrent.futures.process import BrokenProcessPool
-    from multiprocessing import get_context
 
     left, killed = set(range(len(tasks))), 0
     while left:
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet) as pool:
+        with _pool(count) as pool:
             asked = {pool.submit(attempt, function, tasks[k]): k for k in sorted(left)}
             try:
                 for future in as_completed(asked):
@@ -93,6 +86,21 @@ def stream(
             except (GeneratorExit, KeyboardInterrupt):
                 pool.shutdown(cancel_futures=True)  # what runs is finished, nothing else begun
                 raise
+
+
+def _hands(workers: int | None) -> int:
+    """How many processes: as many as the machine has cores when not given."""
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers: {workers}; give at least 1")
+    return workers or os.cpu_count() or 1
+
+
+def _pool(count: int):
+    """Fresh processes that do not answer Ctrl-C."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet)
 
 
 def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[tuple[int, Any]]:

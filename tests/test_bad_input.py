@@ -147,6 +147,8 @@ FAULTS = [
     Bad("profile of zeros", PROFILE + "[pressure_profile]\nprofile = [[0, 0], [1, 0]]\n", "pressure_profile.profile", "zero"),
     Bad("profile zero under the block", PROFILE + "[pressure_profile]\nprofile = [[0, 0], [1, 0], [2, 3]]\n", "contact.pressure", "0 on average"),
     Bad("profile negative", PROFILE + "[pressure_profile]\nprofile = [[0, -1], [1, 2]]\n", "pressure_profile.profile", "-1", ">= 0"),
+    Bad("map of one line", PROFILE + "[pressure_profile]\nmap = [[0, 0, 1], [1, 0, 1]]\n", "pressure_profile.map", "2 x 1 nodes", "two in x and in y"),
+    Bad("map with a hole", PROFILE + "[pressure_profile]\nmap = [[0, 0, 1], [1, 0, 1], [1, 1, 1]]\n", "pressure_profile.map", "2 x 2 nodes", "every pair"),
     Bad("track shorter than the road shown", "effects = ['track_memory']\n[road]\ntrack_length = 0.03\n", "road.track_length", "0.03", "longer"),
     # what a fit may move
     Bad("free of nothing known", "free = ['friction.mmu']\n", "free", "friction.mmu", "did you mean 'friction.mu'"),

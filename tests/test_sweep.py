@@ -19,6 +19,7 @@ from flashtemp.__main__ import main
 from flashtemp.case import build, load, settings
 from flashtemp.errors import SolverFailure
 from flashtemp.march import march
+from flashtemp.viz import sweep as picture
 from flashtemp.workers import stream
 
 CASE = """title = "small"
@@ -141,6 +142,16 @@ def test_another_sweep_does_not_touch_what_is_there(case, tmp_path, capsys):
     assert main(["sweep", str(case), *AXES, "--out", str(out)]) == 2
     assert "something else" in capsys.readouterr().err
     assert (tmp_path / "out.partial" / "note").read_text() == "mine"
+
+
+def test_words_may_be_swept_and_are_drawn(case, tmp_path):
+    """Even the title, which the picture then takes from the case."""
+    found, failed = carried(case, tmp_path / "out", "title=first,second", workers=1)
+    assert failed == {}
+    fig = picture.draw(found)
+    fig.canvas.draw()
+    assert fig.get_suptitle() == "small"
+    assert [t.get_text() for t in fig.axes[0].get_legend().get_texts()] == ["first", "second"]
 
 
 # --- hands -------------------------------------------------------------------------------------------

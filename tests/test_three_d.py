@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
 from flashtemp.balance import Balance
-from flashtemp.camera.operator import observe, wall_cooling
+from flashtemp.camera.operator import corner_length, observe, wall_cooling
 from flashtemp.camera.recording import Recording
 from flashtemp.case import assemble, build, settings
 from flashtemp.effect import Factor, Heat
@@ -113,6 +113,27 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
     lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.12)
 
 
+def test_camera_sees_the_wall_near_the_contact(lab):
+    """Cells of 1 mm across and a strong film, from the wall's cells to the wall: against cells of 20 um there."""
+    given = {
+        "block.width": W, "block.height": 0.004, "schedule.distance": 1.0, "ambient.convection": 60.0,
+        "output.profiles": 4, "output.fields": 2, "numerics.rtol": 1e-5, "numerics.cells": [16, 24, 16],
+    }  # fmt: skip
+    z, walls = np.arange(1, 21) * 2e-5, []
+    for sized in ({"numerics.across": 20}, {"numerics.across": 60, "numerics.first_y": 2e-5}):
+        made = assemble({}, given | sized, Places("none"), Path(), "wall")
+        scene = build(made)
+        run = march(scene, settings(made))
+        image = observe(run, scene, seen("sidewall", run.time[-1:], np.array([0.0125]), z)).temperature
+        walls.append(image[0, :, 0] - run.ambient_degC)
+    near, fine = walls
+    half, film = 0.5 * W / 20, 60.0 / lab.RUBBER.conductivity
+    straight = near * (1 + film * corner_length(z, half)) / (1 + film * half)
+    off, without = (np.abs(values - fine).mean() / fine[0] for values in (near, straight))
+    lab.check("wall near the contact, cells of 1 mm, share of the rise", off, 0.02)
+    assert off < 0.5 * without
+
+
 def test_profiles_are_means_of_maps(lab):
     run = lab.case(**SMALL, **ROLLED, numerics__across=20)
     assert np.ptp(run.maps["T_block"][-1], axis=1).max() > 1.0
@@ -124,14 +145,23 @@ def test_profiles_are_means_of_maps(lab):
     assert load == pytest.approx(1.5e5, rel=1e-6)
 
 
+def test_pressure_follows_a_map_of_x_and_y(lab):
+    """Bilinear between its nodes, held beyond its edge at y = 5 mm, an edge of cells."""
+    rows = [[x, y, 1.0 + 20.0 * x + 80.0 * y] for x in (0.0, 0.025) for y in (-0.01, 0.005)]
+    run = lab.case(**SMALL, numerics__across=20, effects=["pressure_profile"], pressure_profile__map=rows)
+    shape = 1.0 + 20.0 * run.x[:, None] + 80.0 * np.minimum(run.mesh.y_centre, 0.005)
+    expected = 1.5e5 * shape / (shape @ run.mesh.share @ run.mesh.dx_block / run.mesh.dx_block.sum())
+    np.testing.assert_allclose(run.maps["pressure"][-1], expected, rtol=1e-5)
+
+
 def test_symmetric_pressure_gives_a_symmetric_field(lab):
     run = lab.case(**SMALL, **ROLLED, numerics__across=20)
     cells = run.mesh.planes(run.field[-1])
     np.testing.assert_allclose(cells, cells[:, ::-1], atol=2e-4)
 
 
-def test_a_fixed_block_does_not_lean(lab):
-    """What p(x, y) may not do: y-tilt moves heat to its side, the load stays."""
+def test_roll_moves_heat_to_its_side(lab):
+    """1.5 times the mean pressure at one side wall and half of it at the other: so is the rise of the face, about."""
     run = lab.case(**SMALL, numerics__across=20, effects=["pressure_roll"], pressure_roll__a=0.5)
     rise = run.maps["T_block"][-1].mean(axis=0) - run.ambient_degC
     assert rise[-1] / rise[0] == pytest.approx(1.45 / 0.55, rel=0.15)

@@ -101,6 +101,63 @@ def test_a_file_of_an_instrument_is_read_in_its_own_unit(road, tmp_path):
     assert same == pytest.approx(direct, rel=0.05)
 
 
+SIZE = ["--length", "0.03", "--width", "0.02"]
+TEXTS = {  # heights per m, header, what is given besides
+    "m, size given": (1.0, "", SIZE),
+    "m, size in the file": (1.0, "# Width: 30 mm\n# Height: 20 mm\n# Value units: m\n", []),
+    "um in the file": (1e6, "# Value units: um\n", SIZE),
+}
+
+
+def matrix(road, file, scale=1.0, header=""):
+    """Heights as text, a line along the direction of sliding in every row."""
+    with file.open("w") as out:
+        out.write(header)
+        np.savetxt(out, scale * road.heights().T)
+    return file
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_a_text_matrix_is_read(road, tmp_path, capsys, kind):
+    scale, header, given = TEXTS[kind]
+    file = matrix(road, tmp_path / "road.txt", scale, header)
+    assert main(["spots", str(file), *given, "--cutoff", "1e-3", "--out", str(tmp_path / "a.npz"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    direct = topography.press(road, 1.5e5, E, 1e-3)
+    assert told["size_m"] == pytest.approx([0.03, 0.02])
+    assert told["fraction"] == pytest.approx(direct.fraction, rel=0.1)  # it is detrended
+    assert np.mean(read_map(tmp_path / "a.npz", "k").covered == direct.ground.covered) > 0.98
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "says"),
+    [
+        ("plain", [], ["matrix.txt", "--length", "--width"]),
+        ("plain", ["--length", "0.03"], ["--width", "missing"]),
+        ("plain", ["--length", "0.03", "--width", "0"], ["--width", "> 0"]),
+        ("sized", SIZE, ["--length", "states its own size"]),
+        ("um", SIZE, ["matrix.txt", "heights in m"]),
+        ("line", [], ["matrix.txt", "not an area"]),
+        ("commas", SIZE, ["matrix.txt", "no topography", "text matrix"]),
+    ],
+)
+def test_matrices_that_say_too_little_are_told_in_one_line(road, tmp_path, capsys, kind, given, says):
+    file = tmp_path / "matrix.txt"
+    if kind == "line":
+        np.savetxt(file, np.c_[np.arange(50.0), np.arange(50.0) % 7])
+    elif kind == "commas":
+        np.savetxt(file, road.heights(), delimiter=",")
+    else:
+        header = TEXTS["m, size in the file"][1] if kind == "sized" else ""
+        matrix(road, file, 1e6 if kind == "um" else 1.0, header)
+    out = tmp_path / "a.npz"
+    assert main(["spots", str(file), *given, "--cutoff", "1e-3", "--out", str(out)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert all(word in said for word in says), said
+    assert "\n" not in said
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("argv", "says"),
     [

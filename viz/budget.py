@@ -18,7 +18,7 @@ def draw(run) -> Figure:
 
     The black line is the friction heat; the areas close with it up to the printed imbalance.
     """
-    fig = theme.figure(run, theme.WIDE, 3.4)
+    fig = theme.figure(run.title, theme.WIDE, 3.4)
     over, last = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
     size = max(abs(v).max() for v in (*parts(run).values(), run.width * run.energy["friction"]))
     unit, scale = ("kJ", 1e-3) if size > 2e3 else ("J", 1.0)

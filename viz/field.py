@@ -31,7 +31,7 @@ def draw(run) -> Figure:
     width = theme.WIDE if len(frames) > 1 else theme.NARROW
     ratio = (run.mesh.height[-1] + shown) / float(np.ptp(run.mesh.x))
     tall = float(np.clip(1.1 * (width - 1.1) / len(frames) * ratio, 0.4, 4.0))
-    fig = theme.figure(run, width, 3.1 + tall)
+    fig = theme.figure(run.title, width, 3.1 + tall)
     axes = fig.subplots(2, len(frames), squeeze=False, sharex=True, sharey="row", height_ratios=[tall, 1.7])
     norm = theme.temperature_norm(*cells.values(), run.ambient_degC)
     for (above, below), (frame, words) in zip(axes.T, frames.items(), strict=True):

@@ -22,7 +22,7 @@ def draw(run) -> Figure:
     """
     when = clock(run)
     strip = len(when.start) > 1 or bool(when.waits)
-    fig = theme.figure(run, theme.WIDE, 4.9 if strip else 4.6)
+    fig = theme.figure(run.title, theme.WIDE, 4.9 if strip else 4.6)
     rows = fig.add_gridspec(3 if strip else 2, 1, height_ratios=[0.09, 1.35, 1.0][0 if strip else 1 :])
     lines = fig.add_subplot(rows[-1])
     film = fig.add_subplot(rows[-2])

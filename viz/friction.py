@@ -21,7 +21,7 @@ def draw(run) -> Figure:
     """
     numbers = np.unique(run.repetition[run.sliding])
     several = len(numbers) > 1
-    fig = theme.figure(run, theme.WIDE if several else theme.NARROW, 3.1)
+    fig = theme.figure(run.title, theme.WIDE if several else theme.NARROW, 3.1)
     axes = fig.subplots(1, 2, width_ratios=[1.5, 1.0]) if several else [fig.add_subplot()]
     fig.get_layout_engine().set(wspace=0.04)
     colours = theme.repetitions(len(numbers))

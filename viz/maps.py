@@ -31,7 +31,7 @@ def draw(run) -> Figure:
     frames = list(views.last_frames(run).items())
     frames = [frames[i] for i in theme.chosen(len(frames), MOST)]
     rows = -(-len(frames) // COLUMNS)
-    fig = theme.figure(run, theme.WIDE, 1.15 + rows * (0.24 + _tall(run)))
+    fig = theme.figure(run.title, theme.WIDE, 1.15 + rows * (0.24 + _tall(run)))
     axes = fig.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
     fig.get_layout_engine().set(hspace=0.03, wspace=0.04)
     norm = theme.temperature_norm(views.extremes(run, [i for _, i in frames]))

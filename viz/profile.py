@@ -18,7 +18,7 @@ def draw(run, road: bool | None = None) -> Figure:
     Red: in the macroasperity contact regions; green: averaged across y; faint: ends of earlier
     repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.
     """
-    fig = theme.figure(run, theme.NARROW, 4.0)
+    fig = theme.figure(run.title, theme.NARROW, 4.0)
     ax = fig.add_subplot()
     x, k = 1e3 * run.x, run.last
     earlier = ends(run)[:-1]

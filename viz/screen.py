@@ -33,7 +33,7 @@ class Screen:
     """A figure of a run, for the frames `kept` (indices into run.field)."""
 
     def __init__(self, run, kept: list[int]):
-        self.fig = theme.figure(run, *SIZE)
+        self.fig = theme.figure(run.title, *SIZE)
         self.fig.set_dpi(DPI)
         self.fig.get_layout_engine().set(wspace=0.03, hspace=0.04)
         axes = self.fig.subplots(2, 2, width_ratios=[1.5, 1.0], height_ratios=[1.0, 0.95])

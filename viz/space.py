@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
@@ -164,14 +165,6 @@ def plain(fields, t: float) -> Figure:
     ax.view_init(32, -70)
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
     fig.text(0.02, 0.03, f"t = {theme.number(float(moment))} s")
-    from matplotlib.cm import ScalarMappable
-
-    fig.colorbar(
-        ScalarMappable(norm, colour),
-        ax=ax,
-        label=f"temperature ({theme.DEGREE})",
-        shrink=0.6,
-        pad=0.05,
-        location="left",
-    )
+    bar = {"shrink": 0.6, "pad": 0.05, "location": "left"}
+    fig.colorbar(ScalarMappable(norm, colour), ax=ax, label=f"temperature ({theme.DEGREE})", **bar)
     return fig

@@ -12,7 +12,7 @@ from flashtemp.viz import theme
 @theme.styled
 def draw(points: Points, law: SelfAffine, title: str) -> Figure:
     """C (m^4) over q (1/m), both logarithmic, wavelengths in mm above."""
-    fig = theme.figure(_Titled(title), theme.NARROW, 3.8)
+    fig = theme.figure(title, theme.NARROW, 3.8)
     ax = fig.subplots()
     q = np.geomspace(*points.reach, 200)
     ax.loglog(points.q, points.C, "o-", color=theme.ROAD, ms=2.5, lw=0.8, label="measured")
@@ -24,11 +24,6 @@ def draw(points: Points, law: SelfAffine, title: str) -> Figure:
     above.set_xlabel("wavelength (mm)")
     ax.legend(loc="lower left")
     return fig
-
-
-class _Titled:
-    def __init__(self, title: str):
-        self.title = title
 
 
 def _wavelength(q):

@@ -26,7 +26,7 @@ def draw(run, frame: int = -1) -> Figure:
     mesh, k = run.mesh, range(len(run.frames))[frame]
     face, cover = run.maps["T_block"][k].astype(float), run.maps["cover"][k]
     L, y = 1e3 * mesh.x[mesh.last], 1e3 * mesh.y[[0, -1]]
-    fig = theme.figure(run, theme.WIDE, 3.9)
+    fig = theme.figure(run.title, theme.WIDE, 3.9)
     fig.set_dpi(100)
     left, right = fig.subplots(1, 2, width_ratios=[1.25, 1.0])
     norm = theme.temperature_norm(run.maps["T_block"][-1], np.where(cover > 0.5, face, np.nan), run.ambient_degC)
@@ -45,13 +45,14 @@ def draw(run, frame: int = -1) -> Figure:
     left.spines[:].set_visible(False)
     bar = fig.colorbar(image, ax=left, label=f"temperature ({theme.DEGREE})", pad=0.02, shrink=0.8)
     bar.outline.set_linewidth(0.4)
-    inside = cover > 0.9
+    covered = run.maps["cover"]
+    best = covered.max(axis=(1, 2), keepdims=True)  # coarse cells may be covered in part only
+    inside = (covered >= 0.9 * best) & (covered > 0.0)
     x = np.repeat(1e3 * run.x[:, None], mesh.n_across, axis=1)
-    right.plot(
-        x[inside], run.maps["T_spot"][k][inside], ".", color=theme.SPOT, ms=1.5, alpha=0.35, label="in the spots"
-    )
+    hot = run.maps["T_spot"]
+    right.plot(x[inside[k]], hot[k][inside[k]], ".", color=theme.SPOT, ms=1.5, alpha=0.35, label="in the spots")
     right.plot(1e3 * run.x, face @ mesh.share, color=theme.BLOCK, label="block, averaged across y")
-    high = float(np.nanmax(np.where(run.maps["cover"] > 0.9, run.maps["T_spot"], np.nan)))
+    high = float(hot[inside].max(initial=run.ambient_degC))
     right.set(xlim=(0.0, L), ylim=(run.ambient_degC - 0.5, high + 0.5), xlabel="x from leading edge (mm)",
               ylabel=f"temperature ({theme.DEGREE})", title="along the contact")  # fmt: skip
     right.legend(loc="upper left", markerscale=4)

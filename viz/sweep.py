@@ -18,7 +18,7 @@ def draw(found) -> Figure:
     """
     keys = [d for d in found.T_max_degC.dims]
     first = found.isel({k: 0 for k in keys[1:]})
-    fig = theme.figure(_Titled(found.attrs["title"]), theme.WIDE, 5.6 if len(keys) > 1 else 3.0)
+    fig = theme.figure(found.attrs["title"], theme.WIDE, 5.6 if len(keys) > 1 else 3.0)
     axes = fig.subplots(2 if len(keys) > 1 else 1, 2, squeeze=False)
     _profiles(axes[0, 0], first, keys[0])
     _numbers(axes[0, 1], first, keys[0])
@@ -30,11 +30,6 @@ def draw(found) -> Figure:
     if held:
         fig.supxlabel(f"Above: {held}.", x=0.01, ha="left", fontsize=7.0)
     return fig
-
-
-class _Titled:
-    def __init__(self, title: str):
-        self.title = title
 
 
 def _profiles(ax, found, key: str) -> None:

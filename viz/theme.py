@@ -62,12 +62,11 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     return wrapped
 
 
-def figure(run, width: float, height: float) -> Figure:
-    """An empty figure (inches) with the run's title, laid out so that nothing overlaps."""
+def figure(title: str, width: float, height: float) -> Figure:
+    """An empty figure (inches) with a title, laid out so that nothing overlaps."""
     fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    fig.suptitle(
-        textwrap.shorten(run.title, round(11 * width), placeholder=" ..."), x=0.01, ha="left", parse_math=False
-    )
+    short = textwrap.shorten(title, round(11 * width), placeholder=" ...")
+    fig.suptitle(short, x=0.01, ha="left", parse_math=False)
     return fig
 
 

@@ -27,7 +27,10 @@ def draw(run) -> Figure:
     L, far = 1e3 * mesh.x[mesh.last], 1e3 * mesh.x[-1]
     contact = np.where(run.maps["pressure"][frame] > 0, run.maps["T_spot"][frame], np.nan)
     top = _even(contact, run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]])
-    behind = _even(run.maps["T_wake"][frame], run.x_wake, mesh.y_centre, mesh.x[[mesh.last, -1]], mesh.y[[0, -1]])
+    behind = []
+    if has_wake(run):
+        wake = run.maps["T_wake"][frame]
+        behind = [_even(wake, run.x_wake, mesh.y_centre, mesh.x[[mesh.last, -1]], mesh.y[[0, -1]])]
     up = centres(mesh.height)
     sides = [
         _even(cells[mesh.block], run.x, up, (0.0, mesh.x[mesh.last]), mesh.height[[0, -1]])
@@ -35,17 +38,18 @@ def draw(run) -> Figure:
     ]
     press = _even(run.maps["pressure"][frame], run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]])
     wide, deep = float(np.clip(4.2 * np.ptp(y) / far, 0.9, 3.2)), float(np.clip(4.2 * z[1] / far, 0.6, 1.6))
-    fig = theme.figure(run, theme.WIDE, 1.9 + wide + 2 * deep)
+    fig = theme.figure(run.title, theme.WIDE, 1.9 + wide + 2 * deep)
     grid = fig.add_gridspec(3, 2, height_ratios=[wide, deep, deep], width_ratios=[far / L, 0.75])
-    norm = theme.temperature_norm(top, behind if has_wake(run) else top, *sides)
+    norm = theme.temperature_norm(top, *behind, *sides)
     style = {"cmap": theme.temperature_map(), "norm": norm, "origin": "lower", "aspect": "auto"}
     above, pressed = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
     picture = above.imshow(top, extent=(0.0, L, *y), **style)
-    if has_wake(run):
-        above.imshow(behind, extent=(L, far, *y), **style)
+    for image in behind:
+        above.imshow(image, extent=(L, far, *y), **style)
         above.axvline(L, color="white", lw=1.0)
         above.text(far, y[1], "wake ", ha="right", va="top", color="white", fontsize=7.5)
-    above.set(xlim=(0.0, far), ylim=y, ylabel="y (mm)", title="contact seen from above: spots, and road behind")
+    title = "contact seen from above: spots" + (", and road behind" if behind else "")
+    above.set(xlim=(0.0, far), ylim=y, ylabel="y (mm)", title=title)
     force = pressed.imshow(
         1e-3 * press, extent=(0.0, L, *y), cmap=PRESSURE, origin="lower", aspect="auto",
         norm=theme.temperature_norm(1e-3 * press),

@@ -28,7 +28,7 @@ def draw(run) -> Figure:
     Black, dashed: before, and at the start of sliding; coloured as in the picture of friction: at the
     ends of at most CURVES repetitions.
     """
-    fig = theme.figure(run, theme.NARROW, 5.2)
+    fig = theme.figure(run.title, theme.NARROW, 5.2)
     fig.get_layout_engine().set(hspace=0.05)
     face, press = fig.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     last = ends(run)

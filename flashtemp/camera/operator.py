@@ -112,6 +112,18 @@ def wall_cooling(scene: Scene, films: np.ndarray, z: np.ndarray, since: np.ndarr
     return 1.0 / (1.0 + films[:, None] * length / k)
 
 
+def corner_length(z, half: float):
+    """Length l (m): h l/k is how much cooler the wall is than `half` behind it, at z (m) above a face that is held.
+
+    Exact for even cooling of the wall of a corner without end; `half` far above, where heat flows straight to the wall.
+
+    >>> [round(float(corner_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
+    [0.0, 0.21, 0.721, 0.997]
+    """
+    above = np.maximum(z, 1e-9 * half)
+    return 2.0 / np.pi * (0.5 * above * np.log1p((half / above) ** 2) + half * np.arctan(above / half))
+
+
 def _films(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Heat-transfer coefficient (frames,) W/m2K of the block's walls."""
     films = Laws(scene).films.get("block.sides" if scene.resolved else "block.leading", [])
@@ -203,8 +215,8 @@ def _body(run, scene, recording, times):
     section = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2)
     air, films = scene.ambient - KELVIN, _films(scene, times)
     if scene.resolved:  # from the cell's centre to its wall
-        half = 0.5 * (mesh.y[1] - mesh.y[0]) / scene.block.conductivity
-        factor = 1.0 / (1.0 + films[:, None] * half * (z > 0.0))
+        length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
+        factor = 1.0 / (1.0 + films[:, None] * length / scene.block.conductivity)
     else:
         factor = wall_cooling(scene, films, z, times)
     wall = np.swapaxes(air + (_smooth_ends(section, x, 1) - air) * factor[:, None], 1, 2)

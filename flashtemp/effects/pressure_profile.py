@@ -1,8 +1,8 @@
-"""A given profile of nominal pressure, from a pressure film or a mechanical model.
+"""A given profile of nominal pressure, from a pressure-sensitive foil or a mechanical model.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = PressureProfile().heat(None, None)
->>> law.law(None, N(x=0.0, y=0.0), N(weight=0.5, along=lambda x: 1.4, across=lambda y: 2.0, film=lambda x, y: 1.0))
+>>> law.law(None, N(x=0.0, y=0.0), N(weight=0.5, profile=lambda x: 1.4, across=lambda y: 2.0, map=lambda x, y: 1.0))
 1.9
 """
 
@@ -29,24 +29,23 @@ class PressureProfile(Effect):
     across = Param(
         None, "m, 1", "y from the centre line against relative pressure (3D): CSV file or rows", kinds=("text", "table")
     )
-    film = Param(None, "m, m, 1", "x and y against relative pressure (3D): CSV file or rows", kinds=("text", "table"))
+    map = Param(None, "m, m, 1", "x and y against relative pressure (3D): CSV file or rows", kinds=("text", "table"))
 
     @classmethod
     def prepare(cls, values, folder):
         """Read the tables; those not given are 1."""
-        if all(values[k] is None for k in ("profile", "across", "film")):
+        if all(values[k] is None for k in ("profile", "across", "map")):
             raise BadInput("pressure_profile.profile: missing; give rows of [x in m, relative pressure] or a CSV file")
         for key in ("profile", "across"):
             values[key] = _curve(values[key], folder, f"pressure_profile.{key}", "x" if key == "profile" else "y")
-        values["along"] = values["profile"]
-        values["film"] = _film(values["film"], folder, "pressure_profile.film")
+        values["map"] = _map(values["map"], folder, "pressure_profile.map")
         return values
 
     def heat(self, scene, p):
         """Multiplies local over mean pressure."""
 
         def law(T, now, p):
-            return 1.0 + p.weight * (p.along(now.x) * p.across(now.y) * p.film(now.x, now.y) - 1.0)
+            return 1.0 + p.weight * (p.profile(now.x) * p.across(now.y) * p.map(now.x, now.y) - 1.0)
 
         yield Factor("contact.pressure", law)
 
@@ -64,7 +63,7 @@ def _curve(given, folder, key, axis):
     return Curve(at, y)
 
 
-def _film(given, folder, key):
+def _map(given, folder, key):
     """Bilinear map of a table of x and y, its edges held outside; 1 where none is given."""
     if given is None:
         return lambda x, y: 1.0
@@ -77,8 +76,8 @@ def _film(given, folder, key):
         )
     inner = RegularGridInterpolator(nodes, z)
 
-    def film(x, y):
+    def at_places(x, y):
         at = np.broadcast_arrays(*(np.clip(v, n[0], n[-1]) for v, n in zip((x, y), nodes, strict=True)))
         return inner(np.stack(at, axis=-1))
 
-    return film
+    return at_places

@@ -18,7 +18,7 @@ MOST = 4  # panels of speeds
 def draw(found) -> Figure:
     """mu over load (MPa) at every speed, what each process changes at each speed, and from load to load."""
     shown = theme.chosen(len(found.speed), MOST)
-    fig = theme.figure(found, theme.WIDE, 5.4)
+    fig = theme.figure(found.title, theme.WIDE, 5.4)
     upper, lower = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
     axes = upper.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for ax, i in zip(axes, shown, strict=True):
@@ -48,14 +48,14 @@ def _bars(ax, found) -> None:
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         at = np.arange(len(found.speed)) + (k - 0.5 * (len(shares) - 1)) * width
-        ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=COLOURS[name], label=name)
+        ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=COLOURS[name])
     total = 100 * np.expm1(found.change(found.every))
-    ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8, label="all together")
+    ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8)
+    ax.annotate("all together", (0, total[0]), (16, 0), textcoords="offset points", va="center", fontsize=7.0)
     ax.axhline(0.0, color="black", lw=0.6)
     ax.set_xticks(np.arange(len(found.speed)), [f"{v:g} m/s" for v in found.speed])
     low, high = found.pressure[[0, -1]] / 1e6
     ax.set(ylabel="change of friction (%)", title=f"what each changes from {low:g} to {high:g} MPa")
-    ax.legend(fontsize=6.8, loc="lower left", handlelength=1.2)
 
 
 def _steps(ax, found) -> None:

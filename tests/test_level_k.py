@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from flashtemp import build, load
 from flashtemp.case import settings
@@ -43,7 +44,7 @@ def both(case, speed, effects=(), friction=None, widening=True, **values):
 
 
 def at(x, values, places):
-    return np.interp(places, x, values)
+    return PchipInterpolator(x, values)(places)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])
@@ -92,4 +93,5 @@ def test_hot_branch(case, speed):
     found, T = hot.hot(theory, scene.block, spots, speed, face, P)
     assert run.friction[-1] == pytest.approx(float(found.mu), rel=8e-3)
     assert found.mu < 0.8 * theory(speed, face, P).mu
-    assert run.T_spot[-1][len(run.x) // 2] - 20.0 == pytest.approx(T.max() - AIR, rel=0.05)
+    # heat nearer than 4 um counts as released at the contact, which warms it a little more
+    assert run.T_spot[-1][len(run.x) // 2] - 20.0 == pytest.approx(T.max() - AIR, rel=0.08)

@@ -55,7 +55,7 @@ def test_block_and_road(case, speed, widening):
     places = np.array([0.2, 0.5, 0.8]) * 0.025
     for ours, theirs in ((run.T_spot, kernel.spot), (run.T_block, kernel.face)):
         rise = at(kernel.x, theirs[-1], places) - AIR
-        bound = 4e-3 if widening else 5e-4  # Level H widens lanes as if they were heated evenly
+        bound = 4e-3 if widening else 8e-4  # Level H widens lanes as if they were heated evenly
         np.testing.assert_allclose(at(run.x, ours[run.last], places) - 20.0, rise, rtol=bound)
 
 

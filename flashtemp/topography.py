@@ -7,14 +7,13 @@ in contact falls without end as finer ones are resolved, so that a map means not
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.friction.texture import library
+from flashtemp.friction.halfspace import library, touching
 from flashtemp.patterns import ContactMap
 
 STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
@@ -105,9 +104,8 @@ def _metres(unit: str) -> float:
 
 def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int):
     """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
-    surface, _ = _library()
     shape = tuple(max(16, round(side / pixel)) for side in (length, width))
-    return surface.Generation.fourier_synthesis(
+    return library().Generation.fourier_synthesis(
         shape, (length, width), hurst=hurst, rms_height=rms, long_cutoff=rolloff, rng=np.random.default_rng(seed)
     )
 
@@ -119,18 +117,12 @@ def press(topography, pressure: float, modulus: float, cutoff: float) -> Spots:
     """
     from scipy.ndimage import label
 
-    surface, contact = _library()
     size, shape = topography.physical_sizes, topography.nb_grid_pts
     pixel = tuple(s / n for s, n in zip(size, shape, strict=True))
     if cutoff < 2 * max(pixel):
         raise BadInput(f"--cutoff: {cutoff:g} m is less than two pixels of {max(pixel):.3g} m; give a longer one")
     heights = _smooth(np.ma.filled(np.ma.asarray(topography.heights()).astype(float), np.nan), pixel, cutoff)
-    smooth = surface.Topography(heights, size, periodic=True)
-    system = contact.Systems.NonSmoothContactSystem(contact.PeriodicFFTElasticHalfSpace(shape, modulus, size), smooth)
-    solved = system.minimize_proxy(external_force=pressure * size[0] * size[1])
-    if not solved.success:
-        raise BadInput(f"--pressure: {pressure:g} Pa: no contact was found; give another pressure or modulus")
-    covered = np.asarray(system.force) > 0
+    covered = touching(heights, size, modulus, pressure)
     regions, number = label(covered)
     areas = np.bincount(regions.ravel())[1:] * pixel[0] * pixel[1]
     diameter = float(np.sqrt(4 / np.pi * np.sum(areas**2) / np.sum(areas)))
@@ -147,16 +139,3 @@ def _smooth(heights: np.ndarray, pixel, cutoff: float) -> np.ndarray:
         *np.meshgrid(*(np.fft.fftfreq(n, d) for n, d in zip(heights.shape, pixel, strict=True)), indexing="ij")
     )
     return np.fft.ifft2(np.where(q * cutoff <= 1.0, np.fft.fft2(heights), 0.0)).real
-
-
-def _library():
-    """SurfaceTopography and ContactMechanics, without what they say of libraries that they could use besides."""
-    surface = library()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import ContactMechanics.Systems
-            import SurfaceTopography.Generation  # noqa: F401
-    except ImportError as fault:
-        raise BadInput("spots: ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
-    return surface, ContactMechanics

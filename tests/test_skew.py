@@ -13,7 +13,6 @@ from flashtemp.friction import rheology, roughness, skew
 from flashtemp.friction.persson import Theory
 from flashtemp.friction.shear import Shear
 
-pytestmark = pytest.mark.filterwarnings("ignore:Function/property:DeprecationWarning")  # within the libraries
 ROAD = roughness.READY["asphalt A"]
 SMALL = {"grid": 96, "seeds": (0, 1, 2, 3)}
 LOADS = np.geomspace(1e-3, 0.3, 6)

@@ -20,7 +20,7 @@ from flashtemp.material import Material
 
 
 class Warmth(NamedTuple):
-    """At times (n,) s and places (m,) m from the leading edge: temperatures (n, m) K and friction coefficient (n, m)."""
+    """At times (n,) s and places (m,) m from the leading edge: temperatures (n, m) K, friction coefficient (n, m)."""
 
     time: np.ndarray
     x: np.ndarray
@@ -121,5 +121,3 @@ class Sliding:
         weights[:-1] += early
         weights[1:] += whole - early
         return self.fraction * weights / (ROOT_PI * self.rubber.effusivity)
-
-

@@ -14,7 +14,6 @@ so that mu_visc ~ int q^3 C P dq is multiplied by f = 1/R.  Hence `viscous` = -1
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +21,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 
 from flashtemp.errors import BadInput
+from flashtemp.friction.halfspace import touching
 from flashtemp.friction.persson import Enlarged
 from flashtemp.friction.roughness import READY, Spectrum
 
@@ -110,7 +110,7 @@ def area(
     for i, seed in enumerate(seeds):
         heights, side = gaussian(road, grid, seed)
         heights = np.where(heights > 0.0, f, below) * heights
-        found[i] = [_touching(heights, side, load) for load in loads]
+        found[i] = [touching(heights, (side, side), 1.0, load).mean() for load in loads]
     return found
 
 
@@ -197,26 +197,3 @@ def _checked(f: float, loads, grid: int, seeds) -> np.ndarray:
     if grid < 32 or len(seeds) == 0:
         raise BadInput(f"grid: {grid} points a side, {len(seeds)} seeds; give at least 32 points and one seed")
     return loads
-
-
-def _touching(heights: np.ndarray, side: float, load: float) -> float:
-    """Fraction of the points of a periodic road that an elastic half-space touches under p/E* = `load`."""
-    library, contact = _library()
-    size = (side, side)
-    road = library.Topography(heights, size, periodic=True)
-    system = contact.Systems.NonSmoothContactSystem(contact.PeriodicFFTElasticHalfSpace(heights.shape, 1.0, size), road)
-    if not system.minimize_proxy(external_force=load * side**2).success:
-        raise BadInput(f"loads: {load:g}: no contact was found; give another pressure over modulus")
-    return float(np.mean(np.asarray(system.force) > 0))
-
-
-def _library():
-    """SurfaceTopography and ContactMechanics, without what they say of libraries that they could use besides."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import ContactMechanics.Systems
-            import SurfaceTopography
-    except ImportError as fault:
-        raise BadInput("skew: ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
-    return SurfaceTopography, ContactMechanics

@@ -9,7 +9,6 @@ and S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import numpy as np
 from flashtemp import tables
 from flashtemp.errors import BadInput
 from flashtemp.friction.exported import Quantity, of_rows, read
+from flashtemp.friction.halfspace import library
 from flashtemp.friction.roughness import Points, SelfAffine, Spectrum
 
 PER_DECADE = 20  # bins of q of an area
@@ -51,17 +51,6 @@ HEIGHT = Quantity(
     "height", r"(?:z|h|height|depth|elevation|profile)+", {k: (f, 0.0) for k, f in LENGTHS.items()},
     ((ANY, "m"),), "z (mm)",
 )  # fmt: skip
-
-
-def library():
-    """SurfaceTopography, without what it says of libraries that it could use besides.  Raises BadInput."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import SurfaceTopography
-    except ImportError as fault:
-        raise BadInput("SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
-    return SurfaceTopography
 
 
 def read_spectrum(source, folder: Path, key: str) -> Points:

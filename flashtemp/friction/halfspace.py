@@ -1,0 +1,51 @@
+"""An elastic half-space on a rough road, solved by ContactMechanics (extra `topography`)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Silence what the libraries say of functions that they deprecate and still use, and of libraries they miss."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def library():
+    """SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
+    try:
+        with quietly():
+            import SurfaceTopography.Generation
+    except ImportError as fault:
+        raise BadInput("SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
+    return SurfaceTopography
+
+
+def touching(heights: np.ndarray, size: tuple[float, float], modulus: float, pressure: float) -> np.ndarray:
+    """Where (nx, ny) the half-space of contact modulus E/(1 - nu^2) (Pa) touches periodic heights (m) over `size` (m).
+
+    `pressure` nominal, Pa; hard wall, no adhesion.  Raises BadInput where no contact is found.
+    """
+    surface = library()
+    try:
+        with quietly():
+            import ContactMechanics.Systems as systems
+    except ImportError as fault:
+        raise BadInput("ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
+    import ContactMechanics
+
+    with quietly():
+        road = surface.Topography(heights, size, periodic=True)
+        rubber = ContactMechanics.PeriodicFFTElasticHalfSpace(heights.shape, modulus, size)
+        system = systems.NonSmoothContactSystem(rubber, road)
+        if not system.minimize_proxy(external_force=pressure * size[0] * size[1]).success:
+            raise BadInput(f"no contact was found under {pressure:g} Pa; give another pressure or modulus")
+    return np.asarray(system.force) > 0

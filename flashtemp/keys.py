@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +92,44 @@ TABLES: dict[str, dict[str, Param]] = {
         "vtk": Param(True, "", "write the VTK file", kinds=FLAG),
     },
 }  # fmt: skip
+AMOUNT, AMOUNTS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
+BRISTLES = {
+    "speed": Param(27.0, "m/s", "rolling speed", low=0.0, open_low=True, high=200.0, kinds=AMOUNT),
+    "stiffness": Param(
+        1.5e8, "Pa/m", "shear stress of the tread per sideways shift, G/height",
+        low=0.0, open_low=True, high=1e13, kinds=AMOUNT,
+    ),
+    "mass": Param(
+        0.1, "kg/m2", "mass per area that a bristle moves; much more rings and is seen in the friction",
+        low=0.0, open_low=True, high=1e3, kinds=AMOUNT,
+    ),
+    "memory": Param(
+        0.2, "1", "distance r0 between cold and hot friction over contact.spot_diameter",
+        low=0.0, open_low=True, high=10.0, kinds=AMOUNT,
+    ),
+    "fraction": Param(
+        None, "1", "contact fraction of the spots; P(2 pi/spot_diameter) by theory if not given",
+        low=0.0, open_low=True, high=1.0, kinds=AMOUNT,
+    ),
+}  # fmt: skip
+ANGLES = "0.1 0.14 0.2 0.28 0.4 0.5 0.6 0.7 0.85 1 1.2 1.4 1.7 2 2.4 2.8 3.3 4 4.7 5.5 6.5 7.7 9 10.5 12.5 15"
+APART: dict[str, dict[str, Param]] = {  # tables that a case has only where it names them, for commands of their own
+    "tread": BRISTLES | {
+        "slip": Param(
+            [0.005, 0.01, 0.03, 0.05, 0.07, 0.09], "1", "slips of the wheel",
+            low=0.0, open_low=True, high=1.0, kinds=AMOUNTS,
+        ),
+        "footprint": Param(0.1, "m", "length of the footprint", low=1e-3, high=10.0, kinds=AMOUNT),
+        "mass": replace(BRISTLES["mass"], value=0.02),
+    },
+    "tyre": BRISTLES | {
+        "loads": Param([3e3, 5e3, 7e3], "N", "wheel loads", low=0.0, open_low=True, high=1e7, kinds=AMOUNTS),
+        "width": Param(0.14, "m", "width of the elliptic footprint", low=1e-3, high=10.0, kinds=AMOUNT),
+        "angles": Param(
+            [float(a) for a in ANGLES.split()], "deg", "slip angles", low=0.0, open_low=True, high=45.0, kinds=AMOUNTS
+        ),
+    },
+}  # fmt: skip
 MATERIAL = {
     "conductivity": Param(None, "W/mK", "thermal conductivity", low=0.0, high=1e4, open_low=True),
     "density": Param(None, "kg/m3", "density", low=0.0, high=1e5, open_low=True),
@@ -151,7 +189,7 @@ def declared(table: str) -> dict[str, Param]:
     """All keys of a table of the case with their declarations."""
     if table.startswith("materials."):
         return MATERIAL
-    out = dict(TABLES.get(table, {}))
+    out = dict(TABLES.get(table) or APART.get(table, {}))
     for name, effect in catalogue().items():
         if (effect.section if effect.base else name) == table:
             out |= effect.params()
@@ -159,13 +197,13 @@ def declared(table: str) -> dict[str, Param]:
 
 
 def tables(raw: dict, effects, where: Places, faults: list[str]) -> dict[str, dict[str, Param]]:
-    """Tables this case may have: the base ones, its materials, its effects."""
+    """Tables this case may have: the base ones, those apart that it names, its materials, its effects."""
     own = raw.get("materials", {})
     if not isinstance(own, dict):
         faults.append(f"{where('materials')}: {own!r}; write [materials.NAME] and its properties below it")
         own = {}
     names = [f"materials.{n}" for n in own]
-    out = {t: declared(t) for t in [*TABLES, *names, *effects]}
+    out = {t: declared(t) for t in [*TABLES, *(t for t in APART if t in raw), *names, *effects]}
     for n in names:
         raw[n] = own[n.split(".", 1)[1]]
     raw.pop("materials", None)
@@ -282,6 +320,13 @@ def wrong(param: Param, value: Any) -> str | None:
             and all(isinstance(v, (int, float)) and not isinstance(v, bool) and 0.1 <= v <= 10 for v in value)
         )
         return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
+    if "amounts" in kinds:
+        if not isinstance(value, list) or not value:
+            return f"give a list of numbers ({param.unit}), at least one"
+        fault = next((f for f in map(param.fault, value) if f), None)
+        if fault is None and len(set(value)) < len(value):
+            return "give every number once"
+        return fault and fault.replace("a number", "numbers", 1)
     if isinstance(value, str) and "text" in kinds:
         return None if value else "give a file name"
     if isinstance(value, (list, dict)) and "table" in kinds:

@@ -21,6 +21,7 @@ from flashtemp.friction.persson import Found, Theory
 from flashtemp.material import Material
 
 PASSES, CLOSE = 200, 1e-6  # of the fixed point; K
+STANDING = 1e-9  # m/s: what moves slower has the friction of this speed, and the heat of its own
 
 
 @dataclass(frozen=True)
@@ -116,20 +117,21 @@ class Slide:
         self.T = np.full(len(theory.q), T0)
 
     def friction(self, v: float) -> float:
-        """Friction coefficient at the temperatures of the moment."""
-        return float(self.theory(v, self.T, self.p).mu)
+        """Friction coefficient at the temperatures of the moment; v >= 0."""
+        return float(self.theory(max(v, STANDING), self.T, self.p).mu)
 
     def step(self, dt: float, v: float) -> None:
-        """Go on by dt (s) at speed v (m/s)."""
-        n, start = self.n, self.theory(v, self.T, self.p)
-        phi = self.spots.covered(self.theory, v, self.T0, self.p)
+        """Go on by dt (s) at speed v >= 0 (m/s), which may change from step to step; nothing heats what sticks."""
+        slow = max(v, STANDING)
+        n, start = self.n, self.theory(slow, self.T, self.p)
+        phi = self.spots.covered(self.theory, slow, self.T0, self.p)
         self.time[n + 1], self.slid[n + 1] = self.time[n] + dt, self.slid[n] + v * dt
         first = self.heat[n] = source(start, phi, v, self.p)
         for last in (False, True):
             self.kept[n] = self.past.spread(self.heat[n])
             self.T = self._felt(n + 1)
             if not last:  # heat of the step: mean of its ends
-                self.heat[n] = 0.5 * (first + source(self.theory(v, self.T, self.p), phi, v, self.p))
+                self.heat[n] = 0.5 * (first + source(self.theory(slow, self.T, self.p), phi, v, self.p))
         self.n = n + 1
 
     def _felt(self, n: int) -> np.ndarray:

@@ -1,0 +1,186 @@
+"""One tread block through its footprint: exact motion, both theories of friction, the command (claims C24-C27)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from flashtemp.__main__ import main
+from flashtemp.case import load
+from flashtemp.errors import BadInput
+from flashtemp.friction import coldhot, tread
+from flashtemp.friction.hot import Branch, Spots
+from flashtemp.friction.persson import Theory
+from flashtemp.friction.rheology import READY as RUBBERS
+from flashtemp.friction.roughness import READY as ROADS
+from flashtemp.material import LIBRARY
+
+CASE = Path(__file__).parents[1] / "cases" / "tread_block"
+THEORY, RUBBER, T0, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 293.15, 3e5
+SPOTS = Spots(0.01, 0.2)
+BLOCK = tread.Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.02, pressure=P)
+
+
+def even(mu, speeds=(1e-5, 100.0)):
+    """The same friction at all speeds, cold and hot."""
+    branch = Branch(np.array(speeds), np.full(2, mu), np.zeros(2), np.zeros(2))
+    return coldhot.Law(branch, branch, 2e-3)
+
+
+@pytest.fixture(scope="module")
+def law():
+    return coldhot.law(THEORY, RUBBER, SPOTS, T0, P, 27.0)
+
+
+def test_constant_friction_sticks_then_rings():
+    """Exact: u = v_y t up to mu p/k_t, then vs = v_y (1 - cos w tau), u = mu p/k_t + (v_y/w) sin w tau; second order."""
+    block = replace(BLOCK, mass=5.0)
+    pull, w, u0 = 1.35, np.sqrt(block.stiffness / block.mass), 0.5 * P / block.stiffness
+    worst = []
+    for steps in (500, 1000, 2000):
+        path = tread.through(block, even(0.5), [0.05], steps)
+        tau = path.time - u0 / pull
+        speed = np.where(tau > 0, pull * (1 - np.cos(w * tau)), 0.0)
+        shear = np.where(tau > 0, u0 + pull / w * np.sin(w * tau), pull * path.time)
+        assert np.all(path.slid[tau < 0] == 0.0)
+        np.testing.assert_allclose(path.shear[:, 0] + path.slid[:, 0], pull * path.time, rtol=1e-12)
+        worst.append([np.abs(path.speed[:, 0] - speed).max() / pull, np.abs(path.shear[:, 0] - shear).max() / u0])
+    print(worst)
+    assert np.all(np.array(worst[-1]) < [2e-2, 2e-3])
+    assert np.all(np.array(worst[-1]) < 0.3 * np.array(worst[-2]))
+    assert block.ringing > 0.3
+
+
+def test_a_block_that_never_reaches_its_friction_sticks():
+    path = tread.through(BLOCK, even(0.9), [0.01])
+    assert np.all(path.slid == 0.0)
+    assert path.traction[-1, 0] == pytest.approx(1.5e8 * 0.001 / P)
+
+
+def test_friction_that_falls_with_speed_chatters():
+    """A light block sticks and slips there; where friction rises with speed it does not."""
+    speeds, light = np.array([1e-5, 1e-3, 10.0]), replace(BLOCK, mass=1e-3)
+    for mu, chatters in (([0.2, 0.6, 0.1], True), ([0.2, 0.3, 0.6], False)):
+        branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
+        path = tread.through(light, coldhot.Law(branch, branch, 2e-3), [0.05, 0.09])
+        assert tread.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
+
+
+@pytest.mark.parametrize("slip", [0.01, 0.05])
+def test_path_agrees_with_another_solver(law, slip):
+    """scipy's Radau on the same equations, the jump at rest smoothed over 1e-4 m/s."""
+    k, m, pull = BLOCK.stiffness, BLOCK.mass, 27.0 * slip
+
+    def rate(t, y):
+        u, v, r = y
+        return [pull - v, (k * u - law(abs(v), r) * P * np.tanh(v / 1e-4)) / m, v]
+
+    exact = solve_ivp(rate, (0.0, BLOCK.contact_time), np.zeros(3), "Radau", rtol=1e-7, atol=1e-9, dense_output=True)
+    path = tread.through(BLOCK, law, [slip])
+    u, v, r = exact.sol(path.time)
+    np.testing.assert_allclose(path.shear[:, 0], u, atol=2e-3 * u.max())
+    np.testing.assert_allclose(path.slid[:, 0], r, atol=2e-3 * r.max())
+    np.testing.assert_allclose(path.speed[200:, 0], v[200:], atol=0.01 * v.max())
+
+
+def test_from_the_cold_to_the_hot_branch(law):
+    """C24 with the kernel theory, C26; at 2.4 m/s and 20 degC the law departs by 14 %."""
+    found = tread.roll(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
+    slow, fast = (path for path, _ in found.kernel)
+    for path in (slow, fast):
+        early = (path.slid[:, 0] < 1e-3 * SPOTS.diameter) & (path.speed[:, 0] > 1e-3)
+        assert early.any()
+        assert np.all(np.abs(path.mu[early, 0] / law.ends(path.speed[early, 0])[0] - 1) < 0.03)
+    print(found.to_hot, fast.slid[-1], [row["law_deviates"] for row in found.as_dict()["slips"]])
+    assert found.to_hot[0] < 0.1
+    assert found.to_hot[1] == pytest.approx(1.0, abs=0.05)
+    assert 0.005 <= fast.slid[-1, 0] + fast.shear[-1, 0] <= 0.01
+    assert fast.slid[-1, 0] + fast.shear[-1, 0] == pytest.approx(0.09 * 0.1, rel=1e-9)
+    assert tread.deviation(slow, law) < 0.01
+    assert tread.deviation(fast, law) < 0.16
+    assert tread.deviation(found.path, law) < 1e-8
+    path, _ = tread.remembering(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
+    assert tread.mean_traction(path) == pytest.approx(tread.mean_traction(fast), rel=1e-3)
+
+
+def test_past_a_diameter_friction_is_hot(law):
+    """C24 for a footprint twice as long: r > D at the exit."""
+    long = replace(BLOCK, footprint=0.2)
+    path = tread.through(long, law, [0.07, 0.09])
+    cold, hot = law.ends(path.speed[-1])
+    assert np.all(path.slid[-1] > SPOTS.diameter)
+    np.testing.assert_allclose((cold - path.mu[-1]) / (cold - hot), 1.0, atol=0.01)
+
+
+def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
+    """C27, within a factor of two, with the theory's contact fraction."""
+    ratios = {}
+    for diameter, footprint in ((0.005, 0.1), (0.02, 0.1), (0.01, 0.2)):
+        found = coldhot.law(THEORY, RUBBER, Spots(diameter), T0, P, 27.0)
+        path = tread.through(replace(BLOCK, footprint=footprint, mass=0.1), found, tread.SWEPT, 300)
+        best = tread.peak(tread.SWEPT, tread.mean_traction(path))
+        assert not best.edge
+        ratios[diameter, footprint] = best.at * footprint / diameter
+    print(ratios)
+    assert all(0.5 < r < 2.0 for r in ratios.values())
+
+
+def test_command_writes_what_it_prints(tmp_path, capsys):
+    out = tmp_path / "found"
+    assert main(["tread", str(CASE), "tread.slip=[0.05]", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {f.name for f in out.iterdir()} == {"case.toml", "tread.json", "tread.csv", "tread.png"}
+    assert json.loads((out / "tread.json").read_text()) == told
+    [row] = told["slips"]
+    assert row["slid_m"] + row["sheared_m"] == pytest.approx(row["slip_distance_m"]) == pytest.approx(0.005)
+    table = np.genfromtxt(out / "tread.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    last = table[table["theory"] == "kernel"][-1]
+    assert (last["slid_m"], last["mu"]) == pytest.approx((row["slid_m"], row["mu_at_exit"]), rel=1e-6)
+    assert "heat carried" in told["not_modelled"]
+    assert any("contact.spot_fraction" in r for r in told["remarks"])
+    again = tmp_path / "again"
+    assert main(["tread", str(out), "tread.mass=5", "--out", str(again)]) == 0
+    said = capsys.readouterr().out
+    assert "ring" in said
+    assert "0.05" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("tread.slip=0.05", "tread.slip (command line): 0.05; give a list of numbers"),
+        ("tread.slip=[0.05,-1]", "give numbers > 0 and <= 1"),
+        ("tread.slip=[0.05,0.05]", "give every number once"),
+        ("tread.slips=[0.05]", "did you mean 'slip'"),
+        ("tread.mass=0", "give a number > 0"),
+        ("effects=[]", 'add "persson_friction"'),
+        ("contact.pressure=[[0,1e5],[1,2e5]]", "needs one number (Pa)"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, capsys, given, says):
+    out = tmp_path / "found"
+    assert main(["tread", str(CASE), given, "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert says in told
+    assert told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_spots_beyond_the_road_need_a_fraction(tmp_path, capsys):
+    case = tmp_path / "case.toml"
+    case.write_text('effects = ["persson_friction"]\n[contact]\nspot_diameter = 0.04\n')
+    assert main(["tread", str(case), "--out", str(tmp_path / "found")]) == 2
+    assert "contact.spot_diameter: 0.04 m; the longest wave of the road is 0.0251 m" in capsys.readouterr().err
+
+
+def test_only_cases_that_name_them_have_these_tables():
+    plain = load(CASE.parent / "uniform_pressure")
+    assert {"tread", "tyre"} & set(plain.values) == set()
+    assert load(CASE)["tread.slip"][0] == 0.005
+    with pytest.raises(BadInput, match="tread.mass.* is not a parameter"):
+        load(CASE, {"free": ["tread.mass"]})

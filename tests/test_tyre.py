@@ -1,0 +1,193 @@
+"""Side force of a tyre: closed form, brush, controls, the command (V24, claim C28)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from flashtemp.__main__ import main
+from flashtemp.friction import coldhot, tread, tyre
+from flashtemp.friction.hot import Branch, Spots
+from flashtemp.friction.persson import Theory
+from flashtemp.friction.rheology import READY as RUBBERS
+from flashtemp.friction.roughness import READY as ROADS
+from flashtemp.keys import APART
+from flashtemp.material import LIBRARY
+
+CASE = Path(__file__).parents[1] / "cases" / "tyre"
+THEORY, RUBBER, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 3e5
+TYRE = tyre.Tyre(speed=27.0, width=0.14, pressure=P)
+LOADS, ANGLES = [3000.0, 5000.0, 7000.0], APART["tyre"]["angles"].value
+
+
+def branch(speeds, mu):
+    return Branch(speeds, mu, 0 * mu, 0 * mu)
+
+
+@pytest.fixture(scope="module")
+def synthetic():
+    """The test set of V24, with the speeds of 2 and 5 degrees among its nodes."""
+    v = np.unique(np.append(np.geomspace(1e-3, 30.0, 20001), TYRE.pull([2.0, 5.0])))
+    lg = np.log10(v)
+    cold, hot = 0.4 + 0.9 * np.exp(-0.08 * (lg - 1) ** 2), 0.3 + 0.7 * np.exp(-0.12 * (lg + 1) ** 2)
+    return coldhot.Law(branch(v, cold), branch(v, hot), 2e-3)
+
+
+class OfThree(Spots):
+    """The reference figures for 10 mm were computed with the contact fraction of spots of 3 mm."""
+
+    def covered(self, theory, v, T0, p):
+        return float(theory.contact(2 * np.pi / 3e-3, v, T0, p))
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """Set A at 20 or 80 degC and D, cornering with bristles of stiffness k; computed once each."""
+    known = {}
+
+    def one(T, D, k=1.5e8, spots=OfThree):
+        if (T, D, k, spots) not in known:
+            law = coldhot.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)))
+            known[T, D, k, spots] = tyre.corner(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15)
+        return known[T, D, k, spots]
+
+    return one
+
+
+def values(found, model):
+    return [p.value for p in found.peaks[model, "law"]]
+
+
+def test_footprint_carries_the_load():
+    for load in LOADS:
+        length, width = TYRE.lines(load)
+        assert length @ width * P == pytest.approx(load, rel=1e-12)
+        assert width.sum() == pytest.approx(TYRE.width, rel=1e-12)
+    np.testing.assert_allclose(TYRE.length(LOADS), [0.0909, 0.1516, 0.2122], atol=5e-5)
+
+
+def test_rigid_bristles_in_closed_form(synthetic):
+    """V24, to all its digits."""
+    wanted = [[1.09245475, 1.04770664, 1.01982285], [0.98093362, 0.93573176, 0.91431235]]
+    np.testing.assert_allclose(tyre.rigid(TYRE, synthetic, LOADS, [2.0, 5.0]).T, wanted, atol=1e-8)
+    best = [tyre.rigid_peak(TYRE, synthetic, load, ANGLES) for load in LOADS]
+    np.testing.assert_allclose([b.value for b in best], [1.12285699, 1.10100380, 1.08706725], atol=1e-8)
+    np.testing.assert_allclose([b.at for b in best], [0.9294, 0.7117, 0.6019], atol=1e-4)
+    assert not any(b.edge for b in best)
+
+
+def test_brush_with_constant_friction_in_closed_form():
+    """Coulomb brush: every line sticks over x_s = mu p/(k_t tan a) and slides behind it."""
+    mu, k, flat = 0.6, 1.5e8, np.array([1e-5, 100.0])
+    law = coldhot.Law(branch(flat, np.full(2, mu)), branch(flat, np.full(2, mu)), 2e-3)
+    angles = np.array([0.2, 0.6, 1.5, 6.0])
+    found, _ = tyre.brush(TYRE, law, LOADS, angles, k, 1e-4)
+    for row, load in zip(found, LOADS, strict=True):
+        for got, angle in zip(row, angles, strict=True):
+            slope = k * np.tan(np.radians(angle))
+            stick = mu * P / slope
+
+            def line(y, slope=slope, stick=stick, load=load):
+                length = TYRE.length(load) * np.sqrt(1 - (2 * y / TYRE.width) ** 2)
+                front = min(length, stick)
+                return 0.5 * slope * front**2 + mu * P * (length - front)
+
+            edge = 0.5 * TYRE.width
+            kink = edge * np.sqrt(max(0.0, 1 - (stick / TYRE.length(load)) ** 2))
+            force = 2 * sum(quad(line, a, b)[0] for a, b in ((0.0, kink), (kink, edge)))
+            assert got == pytest.approx(force / load, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("T", "D", "maxima", "angles"),
+    [
+        (20.0, 0.01, [0.4746, 0.4471, 0.4288], [0.89, 0.63, 0.50]),
+        (20.0, 0.003, [0.4400, 0.4159, 0.4014], None),
+        (80.0, 0.01, [0.1517, 0.1457, 0.1431], [15.0, 15.0, 15.0]),
+    ],
+)
+def test_rigid_maxima_of_set_a(corner, T, D, maxima, angles):
+    found = corner(T, D)
+    np.testing.assert_allclose(values(found, "rigid"), maxima, rtol=2e-3)
+    if angles:
+        np.testing.assert_allclose([p.at for p in found.peaks["rigid", "law"]], angles, rtol=0.04)
+    assert np.all(np.diff(values(found, "rigid")) < 0)  # C28 (a)
+
+
+@pytest.mark.parametrize(
+    ("D", "k", "maxima"),
+    [
+        (0.01, 1.5e8, [0.379, 0.364, 0.354]),
+        (0.01, 6e8, [0.436, 0.413, 0.396]),
+        (0.003, 1.5e8, [0.3534, 0.3529, 0.3529]),
+    ],
+)
+def test_brush_maxima_of_set_a(corner, D, k, maxima):
+    """The reference, from a coarser integration, within 4 %, and how far its maximum falls within 2 points."""
+    found = corner(20.0, D, k)
+    print(found.peaks["brush", "law"])
+    np.testing.assert_allclose(values(found, "brush"), maxima, rtol=0.042)
+    assert found.fall("brush") == pytest.approx(1 - maxima[-1] / maxima[0], abs=0.02)
+
+
+def test_controls_do_not_fall(corner):
+    """C28 (c): cold .651 -> .665 rises, in the reference."""
+    for T in (20.0, 80.0):
+        found = corner(T, 0.01)
+        assert found.sound
+        for control in tyre.CONTROLS:
+            assert found.fall("rigid", control) == pytest.approx(0.0, abs=1e-12)
+            assert found.fall("brush", control) < 0
+    cold = [p.value for p in corner(20.0, 0.01).peaks["brush", "cold"]]
+    assert (cold[0], cold[-1]) == pytest.approx((0.651, 0.665), abs=0.003)
+
+
+def test_small_spots_show_nothing_through_a_brush(corner):
+    assert abs(corner(20.0, 0.003).fall("brush")) < 0.01 < corner(20.0, 0.003).fall("rigid")
+
+
+def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
+    """The trap of C28: bristles of 5 kg/m2 let even the cold control fall."""
+    law = coldhot.law(THEORY, RUBBER, Spots(0.01, 0.2), 293.15, P, 15.0)
+    heavy = tyre.corner(TYRE, law, LOADS, ANGLES, 1.5e8, 5.0, 293.15)
+    print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.LAWS})
+    assert heavy.ringing > tread.RINGING
+    assert not heavy.sound
+    out = tmp_path / "found"
+    assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
+    assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_command_and_case(tmp_path, capsys):
+    """C28 (b): the maximum of the default case falls by 3 to 15 % from 3000 to 7000 N, at 80 and at 20 degC."""
+    out = tmp_path / "found"
+    assert main(["tyre", str(CASE), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {f.name for f in out.iterdir()} == {"case.toml", "tyre.json", "tyre.csv", "tyre.png"}
+    assert json.loads((out / "tyre.json").read_text()) == told
+    assert told["controls_hold"] is True
+    assert "carcass" in told["not_modelled"]
+    for model in tyre.MODELS:
+        assert 0.03 < told["fall"][model] < 0.15
+    table = np.genfromtxt(out / "tyre.csv", delimiter=",", names=True)
+    [highest] = [m for m in told["maxima"] if (m["model"], m["law"], m["load_N"]) == ("brush", "law", 3000.0)]
+    assert highest["at_edge"] is True
+    assert table["brush_law"][table["load_N"] == 3000].max() == pytest.approx(highest["mu"], rel=1e-6)
+    warm = tmp_path / "warm"
+    assert main(["tyre", str(out), "ambient.temperature=20", "--out", str(warm)]) == 0
+    said = capsys.readouterr().out
+    assert "no control falls with load" in said
+    assert "not modelled: the carcass" in said
+    told = json.loads((warm / "tyre.json").read_text())
+    assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.MODELS)
+
+
+def test_the_usual_contact_fraction_decides(corner):
+    """With P(2 pi/10 mm) = 0.5 the flash is spread so thin that the brush's maximum falls by 1 % only: case.toml says so."""
+    assert float(THEORY.contact(2 * np.pi / 0.01, 1.0, 293.15, P)) == pytest.approx(0.53, abs=0.01)
+    assert 0.0 < corner(20.0, 0.01, spots=Spots).fall("brush") < 0.03

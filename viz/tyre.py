@@ -1,0 +1,100 @@
+"""Side force of a tyre over slip angle at several loads, its maxima, and the controls without flash temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from flashtemp.viz import theme
+
+GREY = {"cold": "#8A8A8A", "hot": "#B9B9B9"}
+DASH = {"cold": (0, (4, 2)), "hot": (0, (1, 1.5))}
+WORDS = {"rigid": "rigid bristles", "brush": "bristles that shear"}
+
+
+@theme.styled
+def draw(found, title: str) -> Figure:
+    """Side force over load (1) against slip angle (deg) and its maximum against load (kN), rigid and brush.
+
+    `found` is friction.tyre.Cornering.  Colours are loads; grey are the controls with both branches alike.
+    """
+    fig = theme.figure(title, theme.WIDE, 5.4)
+    fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
+    axes = fig.subplots(2, 2, height_ratios=[1.45, 1.0], sharey="row")
+    colours = theme.repetitions(len(found.loads))
+    for column, model in enumerate(WORDS):
+        _angles(axes[0, column], found, model, colours)
+        _maxima(axes[1, column], found, model, colours)
+    axes[0, 0].set_ylabel("side force / load (–)")
+    axes[1, 0].set_ylabel("change of its maximum (%)")
+    axes[0, 0].set_ylim(top=1.1 * axes[0, 0].get_ylim()[1])
+    for ax, handles in zip(axes[0], _key(found, colours), strict=True):
+        ax.legend(handles=handles, loc="upper left")
+    fig.supxlabel(_conditions(found), x=0.01, ha="left", fontsize=7.0)
+    return fig
+
+
+def _conditions(found) -> str:
+    b = found.bristle
+    return (
+        f"{theme.number(b.speed, 3)} m/s, {theme.number(b.pressure / 1e6, 3)} MPa at every load, "
+        f"{theme.number(found.T0 - 273.15, 3)} {theme.DEGREE}, footprint {theme.number(1e3 * found.tyre.width, 3)} mm "
+        f"wide, r$_0$ = {theme.number(1e3 * found.law.r0, 3)} mm; shear stiffness of the tread "
+        f"{theme.number(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
+    )
+
+
+def _key(found, colours) -> tuple[list, list]:
+    """What colours and marks mean; what dashes mean."""
+    loads = [
+        Line2D([], [], color=c, lw=1.8, label=f"{theme.number(load / 1e3)} kN")
+        for c, load in zip(colours, found.loads, strict=True)
+    ]
+    edges = {p.edge for model in WORDS for p in found.peaks[model, "law"]}
+    marks = [
+        Line2D([], [], ls="", **_mark(edge), label="highest, still rising" if edge else "maximum")
+        for edge in sorted(edges)
+    ]
+    controls = [Line2D([], [], color=GREY[c], ls=DASH[c], lw=1.2, label=f"control: both branches {c}") for c in GREY]
+    return [*loads, *marks], controls
+
+
+def _mark(edge: bool) -> dict:
+    """A maximum, or where the curve still rises at its end."""
+    face = "white" if edge else theme.SPOT
+    return {"marker": "v", "ms": 5.5, "mfc": face, "mec": theme.SPOT if edge else "white", "mew": 1.0 if edge else 0.5}
+
+
+def _angles(ax, found, model: str, colours) -> None:
+    for control in GREY:
+        for values in found.curves[model, control]:
+            ax.plot(found.angles, values, color=GREY[control], ls=DASH[control], lw=0.9, zorder=1)
+    for values, best, colour in zip(found.curves[model, "law"], found.peaks[model, "law"], colours, strict=True):
+        ax.plot(found.angles, values, color=colour, lw=1.8, zorder=3)
+        ax.plot(best.at, best.value, ls="", zorder=4, clip_on=False, **_mark(best.edge))
+    ax.set_xscale("log")
+    ticks = [t for t in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if found.angles[0] <= t <= found.angles[-1]]
+    ax.set_xticks(ticks, [theme.number(t) for t in ticks])
+    ax.minorticks_off()
+    ax.set(xlabel="slip angle (deg)", xlim=(found.angles[0], found.angles[-1]), title=WORDS[model])
+    ax.set_ylim(bottom=0.0)
+
+
+def _maxima(ax, found, model: str, colours) -> None:
+    """Highest side force over load, relative to that at the lowest load."""
+    kN = found.loads / 1e3
+    for name in (*GREY, "law"):
+        best = np.array([p.value for p in found.peaks[model, name]])
+        change = 100 * (best / best[0] - 1)
+        if name == "law":
+            ax.plot(kN, change, color="#222222", lw=1.0, zorder=2)
+            ax.scatter(kN, change, c=colours, s=30, zorder=3, edgecolors="white", linewidths=0.6)
+            words = f"{change[-1]:+.1f} %".replace("-", "\N{MINUS SIGN}")
+            ax.annotate(words, (kN[-1], change[-1]), (7, 0), textcoords="offset points", va="center")
+        else:
+            ax.plot(kN, change, color=GREY[name], ls=DASH[name], lw=1.2, zorder=1)
+    ax.axhline(0.0, color=theme.AMBIENT, lw=0.4, zorder=0)
+    ax.margins(x=0.16, y=0.15)
+    ax.set_xticks(kN, [theme.number(x) for x in kN])
+    ax.set(xlabel="load (kN)")

@@ -1,0 +1,85 @@
+"""Friction by theory: what the table costs, and what it adds to a run over friction that is a number.
+
+Runs with and without are marched in turns, so that a noisy machine troubles both alike; medians of CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.case import build, load, settings
+from flashtemp.friction.table import tabulate
+from flashtemp.loads import theory_of
+from flashtemp.march import march
+
+THEORY = {"effects": ["persson_friction"]}
+OTHERS = {  # the same friction at the end, about
+    "a number": {"effects": [], "friction.mu": 0.47},
+    "mu(T), exponential": {"effects": ["friction_softening"], "friction.mu": 0.5},
+    "a number, heat at one depth": {"effects": ["heat_depth"], "friction.mu": 0.47},
+    "theory": THEORY,
+}
+
+
+def median(function, repeat: int) -> float:
+    """Median CPU seconds of a call."""
+    spent = []
+    for _ in range(repeat):
+        start = time.process_time()
+        function()
+        spent.append(time.process_time() - start)
+    return statistics.median(spent)
+
+
+def tables(file: Path, repeat: int) -> None:
+    """What tabulating costs: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
+    scene, acting = theory_of(load(file, THEORY))
+    theory, T = acting.p.theory, 273.15 + np.linspace(-20.0, 180.0, 40)
+    v = np.geomspace(1e-6, 10.0, 60)[:, None]
+    print(f"{'mu(v, T), 60 x 40':36s} {1e3 * median(lambda: theory(v, T, 1.5e5), repeat):6.0f} ms")
+    for words, speeds in (("one speed", (0.1, 0.1)), ("0.01 to 1 m/s", (0.01, 1.0))):
+        made = []
+
+        def make(speeds=speeds, made=made):  # another pressure each time, so that none is taken from before
+            made.append(tabulate(theory, scene.block, 3e-3, speeds, 1.5e5 + len(made), 293.15, 4e-6))
+
+        spent = median(make, repeat)
+        print(f"{'table for a run, ' + words:36s} {1e3 * spent:6.0f} ms, off by {made[-1].error:.1e} of mu at most")
+
+
+def runs(file: Path, repeat: int, meshes) -> None:
+    """CPU seconds of a 35 s slide and their ratio to friction that is a number."""
+    for mesh in meshes:
+        cases = {name: load(file, given | {"numerics.mesh": mesh}) for name, given in OTHERS.items()}
+        made = {name: (build(case), settings(case)) for name, case in cases.items()}
+        spent: dict[str, list[float]] = {name: [] for name in made}
+        for n in range(repeat + 1):
+            for name, (scene, numerics) in made.items():
+                start = time.process_time()
+                march(scene, numerics)
+                if n:  # the first round compiles
+                    spent[name].append(time.process_time() - start)
+        base = statistics.median(spent["a number"])
+        cells = made["theory"][0].mesh.n_cells
+        for name, seconds in spent.items():
+            t = statistics.median(seconds)
+            print(f"{cells:8d} cells  {name:28s} {t:7.3f} s  ratio {t / base:.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--repeat", type=int, default=9)
+    arguments.add_argument("--meshes", type=float, nargs="+", default=[1.0, 2.0, 4.0])
+    given = arguments.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        case = Path(folder) / "case.toml"
+        case.write_text("effects = []\n")
+        tables(case, given.repeat)
+        print()
+        runs(case, given.repeat, given.meshes)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from flashtemp import campaign
+from flashtemp.__main__ import main as flashtemp
 from flashtemp.case import build, load, settings
 from flashtemp.compare import compare
 from flashtemp.march import march
@@ -27,7 +29,7 @@ def simulate(name: str, **change):
 @theme.styled
 def against_speed(run_of):
     """Rise at x = L/2 against speed for both pressures and both ambient temperatures (claim C13)."""
-    fig = theme.figure(run_of[(0.1, 1.5e5, 20.0)], 4.6, 3.6)
+    fig = theme.figure(run_of[(0.1, 1.5e5, 20.0)].title, 4.6, 3.6)
     ax = fig.add_subplot()
     speeds = sorted({v for v, _, _ in run_of})
     for p, colour in ((0.5e5, "#0072B2"), (1.5e5, "#D55E00")):
@@ -43,7 +45,7 @@ def against_speed(run_of):
 @theme.styled
 def against_alpha(run_of):
     """T(x) in the spots and in the lanes for falling heat-transfer coefficients (claim C19)."""
-    fig = theme.figure(run_of["inf"], 4.6, 3.6)
+    fig = theme.figure(run_of["inf"].title, 4.6, 3.6)
     ax = fig.add_subplot()
     for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
         ax.plot(
@@ -62,7 +64,7 @@ def against_alpha(run_of):
 def exponents(run_of):
     """What the exponent of phi(p) does to T(x) and to the sign of friction in a run-in (theory 7.4)."""
     first = run_of["n = 0"]
-    fig = theme.figure(first, theme.WIDE, 3.3)
+    fig = theme.figure(first.title, theme.WIDE, 3.3)
     fig.suptitle("The same wear, two laws of the contact fraction, phi ~ pⁿ (0.25 MPa, 0.1 m/s)", x=0.01, ha="left")
     axes = fig.subplots(1, 3, width_ratios=[1, 1, 1.15])
     for ax, name, words in zip(axes, ("n = 0", "n = 1"), ("spots fixed by the road", "more spots"), strict=False):
@@ -123,6 +125,16 @@ def main() -> None:
     values = {"inf": "inf", "1e6": 1e6, "1e5": 1e5, "1e4": 1e4}
     alphas = {name: simulate("alpha_sensitivity", contact__alpha=a) for name, a in values.items()}
     against_alpha(alphas).savefig(OUT / "alpha_sensitivity.png", dpi=110)
+    for command, name in (
+        ("friction", "slope_tester"),
+        ("loads", "mu_of_p"),
+        ("tread", "tread_block"),
+        ("tyre", "tyre"),
+    ):
+        with TemporaryDirectory() as folder:
+            out = Path(folder) / command
+            flashtemp([command, str(ROOT / "cases" / name), "--out", str(out)])
+            shutil.copy(out / f"{command}.png", OUT)
 
 
 if __name__ == "__main__":

@@ -211,13 +211,14 @@ class Run:
 
     def __str__(self) -> str:
         s = self.summary
+        remarks = "".join(f"\n  {remark}" for remark in s.get("remarks", ()))
         return (
             f"Run '{self.title}'\n"
             f"  rise at the block's surface: leading {s['rise_leading_K']:.2f} K, middle {s['rise_middle_K']:.2f} K,"
             f" trailing {s['rise_trailing_K']:.2f} K; hottest spot {s['T_max_degC']:.1f} degC\n"
             f"  heat: {100 * s['energy_J']['road'] / max(s['energy_J']['friction'], 1e-300):.1f} % into the road;"
             f" energy imbalance {s['energy_imbalance']:.1e}\n"
-            f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s"
+            f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s{remarks}"
         )
 
 

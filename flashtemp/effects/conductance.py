@@ -1,8 +1,8 @@
-"""Heat-transfer coefficient of the contact spots: infinite, constant, a0 + a1 sqrt(v), or a table.
+"""Heat-transfer coefficient of the contact spots: infinite, constant, a0 + a1 sqrt(v), a table, or of micro-contacts.
 
 >>> from types import SimpleNamespace as N
->>> law, split = Conductance().heat(None, None)
->>> law.law(None, N(speed=0.25), N(alpha=lambda v: 1e4 + 2e4 * v**0.5))
+>>> law, split = Conductance().heat(None, N(alpha=lambda v: 1e4 + 2e4 * v**0.5))
+>>> law.law(None, N(speed=0.25), None)
 5e-05
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from flashtemp.effect import Effect, Param, Term
 from flashtemp.errors import BadInput
+from flashtemp.friction.conductance import sliding
 from flashtemp.tables import Curve, pairs
 
 
@@ -40,11 +41,16 @@ class Conductance(Effect):
         """Turn number, {a0, a1} or table into a law alpha(v)."""
         alpha, key = values["alpha"], "contact.alpha"
         if isinstance(alpha, dict):
+            if set(alpha) == {"contact_size", "contact_share"}:
+                if not all(type(a) in (int, float) and 0 < a < 1 for a in alpha.values()):
+                    raise BadInput(f"{key}: {alpha!r}; give contact_size in m and contact_share, both > 0 and < 1")
+                return values
             a0, a1 = (alpha.get(k, 0.0) for k in ("a0", "a1"))
             numbers = all(type(a) in (int, float) and 0 <= a < float("inf") for a in (a0, a1))
             if set(alpha) - {"a0", "a1"} or not numbers or a0 + a1 <= 0:
                 raise BadInput(
-                    f"{key}: {alpha!r}; give {{ a0 = W/m2K, a1 = W/m2K per sqrt(m/s) }}, both >= 0, not both 0"
+                    f"{key}: {alpha!r}; give {{ a0 = W/m2K, a1 = W/m2K per sqrt(m/s) }}, both >= 0, not both 0, "
+                    "or { contact_size = m, contact_share = 1 }"
                 )
             values["alpha"] = lambda v: a0 + a1 * v**0.5
         elif isinstance(alpha, (list, str)):
@@ -58,5 +64,8 @@ class Conductance(Effect):
 
     def heat(self, scene, p):
         """1/alpha in m2 K/W and the side on which the heat appears."""
-        yield Term("contact.resistance", lambda T, now, p: 1.0 / max(p.alpha(now.speed), 1e-6))
+        alpha = p.alpha
+        if isinstance(alpha, dict):
+            alpha = sliding(scene.block, scene.road, alpha["contact_size"], alpha["contact_share"])
+        yield Term("contact.resistance", lambda T, now, p: 1.0 / max(alpha(now.speed), 1e-6))
         yield Term("contact.heat_split", lambda T, now, p: p.heat_split)

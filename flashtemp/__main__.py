@@ -8,7 +8,7 @@ import sys
 from cyclopts import App, CycloptsError
 
 from flashtemp import __version__
-from flashtemp.commands import camera, campaigns, questions, road, simulate, tyre
+from flashtemp.commands import camera, campaigns, friction, loads, questions, road, simulate, tyre
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.terminal import BAD, DONE, FAILED, STOPPED, tell
 
@@ -20,7 +20,7 @@ app = App(
 COMMANDS = (
     simulate.run, simulate.sweep, simulate.view, simulate.check, simulate.converge, simulate.effects,
     questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
-    road.spots, road.spectrum, tyre.tread, tyre.tyre,
+    road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, loads.loads,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)

@@ -310,15 +310,14 @@ def looked_up():
 @settings(max_examples=100, deadline=None)
 @given(st.floats(10.5, 239.0), st.floats(10.5, 239.0), st.floats(-1.0, 1.0))
 def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
-    """Within its error in all but the outermost cells, within three times that there."""
-    inside = min(face, spot) > 16.1 and max(face, spot) < 234.0 and abs(load) < 0.66
+    """Nowhere more than a tenth beyond the error that it states: that is looked for in the middles of its cells."""
     face, spot, p = face + KELVIN, spot + KELVIN, P * table.REACH**load
     got = looked_up.at(0.05)(np.array([spot]), np.array([face]), np.array([p]))[:, 0]
     share = table.felt(WHOLE.q, RUBBER, 3e-3, 0.05)
     found = WHOLE(0.05, face + (spot - face) * share, p, spot)
     exact = [float(found.mu), float(found.density @ (found.weight * (0.5 / found.q >= 4e-6)))]
     assert looked_up.error < 1e-3
-    np.testing.assert_allclose(got, exact, atol=(1 if inside else 3) * looked_up.error * np.max(looked_up.values))
+    np.testing.assert_allclose(got, exact, atol=1.1 * looked_up.error * np.max(looked_up.values))
 
 
 def test_table_of_a_folder_is_taken_up(looked_up, tmp_path, monkeypatch):
@@ -376,6 +375,20 @@ CURVE = "omega,storage,loss\n1,8e6,1e6\n100,1e7,2e6\n1000,2e7,5e6\n"
         ('master_curve = "e.csv"\nextrapolate = false', "persson_friction.extrapolate", "beyond the master curve"),
         ('master_curve = "missing.csv"', "persson_friction.master_curve", "missing.csv"),
         ('spots = "seen"', "persson_friction.spots", '"theory"'),
+        ("wlf = [1.0]", "persson_friction.wlf", "two constants"),
+        ("rms_slope = 0.001", "persson_friction.rms_slope", "longest waves"),
+        (
+            "rms_slope = 9.0\nspectrum = { height = 1e-9, rolloff = 1e3, hurst = 0.99, lowest = 250.0 }",
+            "persson_friction.rms_slope",
+            "never reached",
+        ),
+        (
+            "spectrum = { height = 1e-4, rolloff = 1e3, hurst = 1.2, lowest = 250.0 }",
+            "persson_friction.spectrum",
+            "hurst < 1",
+        ),
+        ("master_curve = { relaxed = 8e6 }", "persson_friction.master_curve", "unrelaxed = Pa"),
+        ("master_curve = { relaxed = 8e6, terms = [[1e6, -1.0]] }", "persson_friction.master_curve", "> 0"),
         ("highest = 200.0", "persson_friction.highest", "not above the lowest"),
     ],
 )
@@ -387,6 +400,28 @@ def test_bad_input_is_told_in_one_line(lines, key, says, tmp_path, capsys):
     assert key in said
     assert says in said
     assert "\n" not in said
+
+
+def test_analytic_curves_and_spectra_from_the_case(tmp_path):
+    """Given in the case the ready sets are what they are by name, and a Prony series is the Cole-Cole curve."""
+    curve = rheology.READY["A"].modulus
+    series = rheology.prony(curve, 8)
+    terms = [list(pair) for pair in zip(series.moduli, series.times, strict=True)]
+    (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
+    given = {
+        "ready": {},
+        "cole": {"master_curve": {"relaxed": 8e6, "unrelaxed": 2e9, "exponent": 0.5, "time": 1e-8}},
+        "prony": {"master_curve": {"relaxed": 8e6, "terms": terms}},
+        "road": {"spectrum": {"height": 3e-4, "rolloff": 1000.0, "hurst": 0.9, "lowest": 250.0}},
+    }
+    mu = {}
+    for name, keys in given.items():
+        scene = cases.build(cases.load(tmp_path, {f"persson_friction.{k}": v for k, v in keys.items()}))
+        theory = next(a.p.theory for a in scene.acting if a.name == "persson_friction")
+        mu[name] = float(theory(0.1, C20, P).mu)
+    assert mu["cole"] == mu["ready"]
+    assert mu["road"] == pytest.approx(mu["ready"], rel=1e-12)
+    assert mu["prony"] == pytest.approx(mu["ready"], rel=2e-3)
 
 
 def test_curve_that_ends_too_early_is_remarked(tmp_path):

@@ -8,10 +8,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
-from scipy.special import erf
 
 from flashtemp.effect import Deposit, Effect, Factor, Param
 from flashtemp.errors import BadInput
@@ -32,7 +29,10 @@ class PerssonFriction(Effect):
     weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)
     rubber = Param("A", "1", "name of a ready rubber; master_curve takes its place", kinds=("name",))
     master_curve = Param(
-        None, "rad/s, Pa, Pa", "frequency, storage and loss modulus: CSV file or rows", kinds=("text", "table")
+        None,
+        "rad/s, Pa, Pa",
+        "frequency, storage and loss modulus: CSV file, rows, or an analytic curve",
+        kinds=("text", "table"),
     )
     wlf = Param([7.718, 116.6], "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
@@ -41,7 +41,7 @@ class PerssonFriction(Effect):
     )
     poisson = Param(0.5, "1", "Poisson's ratio", low=0.0, high=0.5)
     road = Param("asphalt A", "1", "name of a ready road; spectrum takes its place", kinds=("name",))
-    spectrum = Param(None, "1/m, m4", "wavenumber and power spectrum C(q): CSV file or rows", kinds=("text", "table"))
+    spectrum = Param(None, "1/m, m4", "wavenumber and spectrum C(q): CSV file, rows, or a law", kinds=("text", "table"))
     lowest = Param(None, "1/m", "lowest wavenumber; the first of the spectrum if not given", low=1e-2, high=1e9)
     highest = Param(None, "1/m", "highest wavenumber; where rms_slope is reached if not given", low=1.0, high=1e11)
     rms_slope = Param(1.3, "1", "rms slope at which the spectrum ends", low=1e-3, high=10.0)
@@ -86,14 +86,11 @@ class PerssonFriction(Effect):
             mu, deep = look(T, now)
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
-        @lru_cache(maxsize=2)
-        def yielding(v):  # Pa: P = erf(p/(2 root)), for G falls as 1/p^2
-            cut = p.theory.upto(2 * np.pi / scene.spot_diameter)
-            return scene.load * np.sqrt(cut(v, scene.ambient, scene.load).stretch)
+        covering = p.theory.covering(2 * np.pi / scene.spot_diameter, scene.ambient, scene.load)
 
         def fraction(T, now, p):
-            covered = erf(0.5 * now.local_pressure / yielding(max(now.last_speed, table.SLOWEST)))
-            return 1.0 + p.weight * (covered / now.base - 1.0)
+            v = max(now.last_speed, table.SLOWEST)
+            return 1.0 + p.weight * (covering(v, now.local_pressure) / now.base - 1.0)
 
         yield Factor("friction.mu", law)
         if p.spots == "theory":

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flashtemp import tables
 from flashtemp.errors import BadInput, nearest
 from flashtemp.friction import rheology, roughness
 from flashtemp.friction.persson import Payne, Theory
@@ -19,6 +21,9 @@ PER_DECADE = 3.0  # deposits in depth
 PRESSED = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
 SKEW_GRID = 128  # points along a side of the roads on which skewness is solved
 CREEP = 0.1  # m/s, at which the modulus that macroasperities feel is taken
+
+COLE_COLE = {"relaxed": "Pa", "unrelaxed": "Pa", "exponent": "1", "time": "s"}
+SELF_AFFINE = {"height": "m", "rolloff": "1/m", "hurst": "1", "lowest": "1/m"}
 
 
 def theory(values: dict[str, Any], folder, table: str) -> Theory:
@@ -35,6 +40,9 @@ def theory(values: dict[str, Any], folder, table: str) -> Theory:
 
 
 def _rubber(values, folder, table: str) -> rheology.Rubber:
+    constants = values["wlf"]
+    if len(constants) != 2 or not all(map(_positive, constants)):
+        raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
     if values["master_curve"] is None:
         name = values["rubber"]
         if name not in rheology.READY:
@@ -42,15 +50,37 @@ def _rubber(values, folder, table: str) -> rheology.Rubber:
         return replace(rheology.READY[name], poisson=values["poisson"])
     from flashtemp.friction import dma
 
+    shift = rheology.WLF(*constants, values["reference"] + KELVIN)
     if values["shift"] is not None:
         shift = dma.read_shift(values["shift"], folder, f"{table}.shift")
-    else:
-        constants = values["wlf"]
-        if len(constants) != 2 or not all(isinstance(c, (int, float)) and c > 0 for c in constants):
-            raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
-        shift = rheology.WLF(*constants, values["reference"] + KELVIN)
-    curve = dma.read_master(values["master_curve"], folder, f"{table}.master_curve", shift, values["poisson"])
+    given, key = values["master_curve"], f"{table}.master_curve"
+    if isinstance(given, dict):
+        return rheology.Rubber(_analytic(given, key), shift, values["poisson"], "given")
+    curve = dma.read_master(given, folder, key, shift, values["poisson"])
     return rheology.Rubber(curve, shift, values["poisson"], "measured")
+
+
+def _analytic(given: dict, key: str) -> rheology.ColeCole | rheology.Prony:
+    """A Cole-Cole curve, or a Prony series { relaxed, terms = [[E_i, tau_i], ...] }."""
+    if set(given) == {"relaxed", "terms"}:
+        terms = tables.rows(given["terms"], Path(), f"{key}.terms", 2)
+        if terms.min() <= 0 or not _positive(given["relaxed"]):
+            raise BadInput(f"{key}: {given!r}; give moduli (Pa) and times (s) > 0")
+        return rheology.Prony(float(given["relaxed"]), *(tuple(column) for column in terms.T.tolist()))
+    _needs(given, COLE_COLE, key, "or { relaxed, terms = [[Pa, s], ...] }")
+    if not (given["unrelaxed"] > given["relaxed"] and given["exponent"] <= 1):
+        raise BadInput(f"{key}: {given!r}; give unrelaxed > relaxed and an exponent <= 1")
+    return rheology.ColeCole(**{k: float(v) for k, v in given.items()})
+
+
+def _needs(given: dict, units: dict[str, str], key: str, otherwise: str) -> None:
+    if set(given) != set(units) or not all(_positive(v) for v in given.values()):
+        words = ", ".join(f"{k} = {unit}" for k, unit in units.items())
+        raise BadInput(f"{key}: {given!r}; give {{ {words} }}, all > 0, {otherwise}")
+
+
+def _positive(value) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")
 
 
 def _road(values, folder, table: str) -> roughness.Spectrum:
@@ -59,6 +89,11 @@ def _road(values, folder, table: str) -> roughness.Spectrum:
         if name not in roughness.READY:
             raise BadInput(_unknown(f"{table}.road", name, roughness.READY, "spectrum"))
         road = roughness.READY[name]
+    elif isinstance(given := values["spectrum"], dict):
+        _needs(given, SELF_AFFINE, f"{table}.spectrum", "a CSV file or rows of [1/m, m4]")
+        if not (given["hurst"] < 1 and given["rolloff"] > given["lowest"]):
+            raise BadInput(f"{table}.spectrum: {given!r}; give hurst < 1 and a rolloff above the lowest")
+        road = roughness.self_affine(*(given[k] for k in SELF_AFFINE), slope=None, name="given")
     else:
         from flashtemp.friction import texture
 

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -153,7 +154,7 @@ class Theory:
         v, p, T = (np.broadcast_to(a, (*shape, a.shape[-1])) for a in (v[..., None], p[..., None], T))
         q = self.q
         square, loss = _angular(self.rubber)
-        x = np.log(q * v * self.rubber.factor(T))
+        x = np.clip(np.log(q * v * self.rubber.factor(T)), LOGS[0], LOGS[-1])
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
         softer = 1.0
@@ -193,6 +194,15 @@ class Theory:
     def upto(self, q: float) -> Theory:
         """The theory of the same road without waves shorter than those of q (1/m)."""
         return _cut(self, q)
+
+    def covering(self, q: float, T: float, p: float) -> Callable:
+        """Law (v, p) of P at one wavenumber q (1/m) at T (K), around a pressure p (Pa): G falls as 1/p^2 there."""
+
+        @lru_cache(maxsize=2)
+        def resisting(v):  # Pa
+            return p * np.sqrt(self.upto(q)(v, T, p).stretch)
+
+        return lambda v, local: erf(0.5 * local / resisting(v))
 
     def contact(self, q: float, v, T, p):
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""

@@ -115,21 +115,26 @@ class Spectrum:
     def to_slope(self, slope: float) -> Spectrum:
         """The spectrum cut where its rms slope reaches `slope`.  Raises BadInput where it never does."""
         low, high = np.log(self.q0 * 1.01), np.log(1e11)
-        if self.slope(np.exp(high)) < slope:
-            raise BadInput(f"rms_slope: {slope:g} is never reached by this spectrum; give its upper wavenumber instead")
+        least, most = self.slope(np.exp(low)), self.slope(np.exp(high))
+        if not least < slope < most:
+            why = "never reached" if slope >= most else f"less than that of its longest waves, {least:.2g}"
+            raise BadInput(f"rms_slope: {slope:g} is {why} by this spectrum; give its upper wavenumber instead")
         found = brentq(lambda x: self.slope(np.exp(x)) - slope, low, high, xtol=1e-12)
         return replace(self, q1=float(np.exp(found)))
 
 
-def self_affine(height: float, rolloff: float, hurst: float, q0: float, slope: float = SLOPE, name="road") -> Spectrum:
-    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope.
+def self_affine(
+    height: float, rolloff: float, hurst: float, q0: float, slope: float | None = SLOPE, name="road"
+) -> Spectrum:
+    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope if one is given.
 
     Raises BadInput for a Hurst exponent outside ]0, 1[ or a roll-off below q0.
     """
     if not 0 < hurst < 1 or not rolloff > q0:
         raise BadInput(f"self-affine spectrum: hurst {hurst:g}, rolloff {rolloff:g}; give 0 < hurst < 1, rolloff > q0")
     level = height**2 / (2 * np.pi * (0.5 * (rolloff**2 - q0**2) + rolloff**2 / (2 * hurst)))
-    return Spectrum(SelfAffine(level, rolloff, hurst), q0, 10 * rolloff, name).to_slope(slope)
+    road = Spectrum(SelfAffine(level, rolloff, hurst), q0, 10 * rolloff, name)
+    return road if slope is None else road.to_slope(slope)
 
 
 READY = {

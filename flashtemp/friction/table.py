@@ -232,7 +232,8 @@ def _friction(theory, rubber, diameter, logv, face, spot, logp, shallow) -> np.n
 def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float, shallow: float) -> float:
     """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
     middle = 0.5 * (table.T[1:] + table.T[:-1])
-    face, spot, logp = middle[::3], middle[1::3], (0.5 * (table.logp[1:] + table.logp[:-1]))[::2]
+    some = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # the outermost are the worst
+    face, spot, logp = middle[some], middle[some], 0.5 * (table.logp[1:] + table.logp[:-1])
     n = len(table.logv)
     speeds = table.logv if n == 1 else (0.5 * (table.logv[1:] + table.logv[:-1]))[:: max(1, n // 4)]
     worst = 0.0

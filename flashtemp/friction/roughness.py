@@ -126,7 +126,7 @@ class Spectrum:
 def self_affine(
     height: float, rolloff: float, hurst: float, q0: float, slope: float | None = SLOPE, name="road"
 ) -> Spectrum:
-    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope if one is given.
+    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope if given.
 
     Raises BadInput for a Hurst exponent outside ]0, 1[ or a roll-off below q0.
     """

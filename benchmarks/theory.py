@@ -15,8 +15,8 @@ import numpy as np
 
 from flashtemp.case import build, load, settings
 from flashtemp.friction.table import tabulate
-from flashtemp.loads import theory_of
 from flashtemp.march import march
+from flashtemp.theories import theory_of
 
 THEORY = {"effects": ["persson_friction"]}
 OTHERS = {  # the same friction at the end, about

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from flashtemp import case as cases
-from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.errors import FlashtempError, SolverFailure
 from flashtemp.march import march
 from flashtemp.scene import Acting, Scene
+from flashtemp.theories import theory_of
 from flashtemp.workers import stream
 
 NOTHING = 0.01  # change of friction over the loads below which nothing needs a cause
@@ -46,18 +47,6 @@ PROCESSES = (
     Process(HEATING, "friction heats the contact", None),
 )
 NAMES = tuple(p.name for p in PROCESSES)
-
-
-def theory_of(case: cases.Case) -> tuple[Scene, Acting]:
-    """The scene of a case, and the effect of it that computes friction from a theory.  Raises BadInput without one."""
-    scene = cases.build(case)
-    for acting in scene.acting:
-        if hasattr(acting.p, "theory"):
-            return scene, acting
-    raise BadInput(
-        f"{case.name}: effects: none of {list(case.effects)} computes friction from roughness and rubber; "
-        "add one that `flashtemp effects` lists with a master_curve"
-    )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ LAYERS = [  # from the bottom; a module imports from its own layer or one before
     ["march"],
     ["tangent"],
     ["keys", "case"],
-    ["model"],
+    ["model", "theories"],
     ["camera", "residual"],
     ["campaign"],
     ["compare", "twin"],

@@ -10,8 +10,8 @@ from flashtemp import build, load
 from flashtemp.case import settings
 from flashtemp.friction import hot, table
 from flashtemp.friction.block import Sliding
-from flashtemp.loads import theory_of
 from flashtemp.march import march
+from flashtemp.theories import theory_of
 
 CALM = {  # what Level K leaves out: conduction along the block, cooling by air
     "conductivity_anisotropy.excess": -0.9,

@@ -12,7 +12,8 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.case import load
-from flashtemp.loads import HEATING, NAMES, Loads, attribute, theory_of
+from flashtemp.loads import HEATING, NAMES, Loads, attribute
+from flashtemp.theories import theory_of
 from flashtemp.viz import loads as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "mu_of_p"

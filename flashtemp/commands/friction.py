@@ -61,17 +61,11 @@ def _curves(asked, slowest: float, fastest: float):
     """The curves of a case.  Raises BadInput, SolverFailure."""
     import numpy as np
 
-    from flashtemp.case import build
     from flashtemp.friction import curves, inputs
     from flashtemp.friction.hot import Spots
+    from flashtemp.theories import theory_of
 
-    scene = build(asked)
-    acting = next((a for a in scene.acting if hasattr(a.p, "theory")), None)
-    if acting is None:
-        raise BadInput(
-            f"effects: {list(asked.effects)}; none gives friction from a spectrum and a master curve, "
-            'add "persson_friction"'
-        )
+    scene, acting = theory_of(asked)
     theory, spots = acting.p.theory, Spots(scene.spot_diameter)
     longest = 2 * np.pi / theory.road.q0
     if not spots.diameter < longest:

@@ -88,21 +88,16 @@ class _Asked:
     """What both commands read from a case: theory, rubber, spots, pressure Pa, background T0 K.  Raises BadInput."""
 
     def __init__(self, path: str, overrides, table: str):
-        from flashtemp.case import build, load, load_with
+        from flashtemp.case import load, load_with
         from flashtemp.friction.hot import Spots
         from flashtemp.keys import APART
+        from flashtemp.theories import theory_of
 
         self.case, self.table = load(path, list(overrides)), table
         if table not in self.case.values:
             given = {f"{table}.{k}": p.value for k, p in APART[table].items() if p.value is not None}
             self.case = load_with(self.case, given)
-        scene = build(self.case)
-        acting = next((a for a in scene.acting if hasattr(a.p, "theory")), None)
-        if acting is None:
-            raise BadInput(
-                f"effects: {list(self.case.effects)}; none gives friction from spectrum and master curve, "
-                'add "persson_friction"'
-            )
+        scene, acting = theory_of(self.case)
         self.acting, self.theory, self.rubber, self.T0 = acting, acting.p.theory, scene.block, scene.ambient
         self.values = self.case.values[table]
         self.pressure = self.case["contact.pressure"]

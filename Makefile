@@ -16,8 +16,8 @@ help:  ## this list
 demo: $(READY)  ## simulate cases/run_in; CASE=... for another
 	.venv/bin/flashtemp run $(CASE)
 
-test: $(READY)  ## run the tests; ARGS=... goes to pytest
-	.venv/bin/python -m pytest $(ARGS)
+test: $(READY)  ## run the tests, a file per core at a time; ARGS=... goes to pytest
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: $(READY)  ## ruff
 	@test -x .venv/bin/ruff || $(PIP) install --quiet ruff

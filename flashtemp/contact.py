@@ -84,8 +84,11 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     a, b = T0 - A * g * drop, A * g * way
     turn = ((1.0 - A * g) * state.deep - b * state.inside) / b  # heat in depth over heat at the face, less 1
 
+    seen = [None, None, None]  # where both laws were asked last, and their answers
+
     def warming(T, face, apart=False):
-        return friction(T, face, apart) * (1.0 + (np.real(turn) if apart else turn) * parted(T, face, apart))
+        seen[:] = T, friction(T, face, apart), parted(T, face, apart)
+        return seen[1] * (1.0 + (np.real(turn) if apart else turn) * seen[2])
 
     if parted is None:
         law, gain, s = friction, b * (1.0 + turn) * state.m, 1.0
@@ -93,7 +96,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     else:
         law, gain = warming, b * state.m
         T, _, own = _spot_temperature(a, gain, T0, law, guess)
-        mu, s = friction(T, T0), parted(T, T0)
+        mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(*seen, T)
     q = state.m * mu
     deep = state.inside * s * q
     J = g * (way * (q - deep) - state.deep * s * q - drop)
@@ -120,6 +123,11 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
     return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), dT, dmu)
+
+
+def _carried(at, mu, s, T):
+    """Both laws at T from their answers at a temperature nearby, asked by a complex step."""
+    return (v.real + v.imag / STEP * (T - np.real(at)) for v in (mu, s))
 
 
 def _spot_temperature(a, b, face, friction, guess):

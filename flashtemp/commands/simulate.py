@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -202,10 +203,11 @@ def effects(name: str | None = None, json: Json = False) -> int:
     for e in entries:
         lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
         for p in e["parameters"]:
+            limits = f" [{p['low']:g}, {p['high']:g}]" if p["low"] > -math.inf or p["high"] < math.inf else ""
             off = "" if p["off"] is None else f", off = {p['off']:g}"
-            lines.append(
-                f"    {p['key']} = {p['default']} {p['unit']}: {p['about']} [{p['low']:g}, {p['high']:g}]{off}"
-            )
+            unit = "" if p["unit"] == "1" else f" {p['unit']}"
+            default = "not given" if p["default"] is None else p["default"]
+            lines.append(f"    {p['key']} = {default}{unit}: {p['about']}{limits}{off}")
         if name:
             lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
     emit(entries, json, "\n".join(lines))

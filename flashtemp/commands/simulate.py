@@ -207,6 +207,7 @@ def effects(name: str | None = None, json: Json = False) -> int:
             off = "" if p["off"] is None else f", off = {p['off']:g}"
             unit = "" if p["unit"] == "1" else f" {p['unit']}"
             default = "not given" if p["default"] is None else p["default"]
+            unit = f" ({p['unit']})" if p["default"] is None and unit else unit
             lines.append(f"    {p['key']} = {default}{unit}: {p['about']}{limits}{off}")
         if name:
             lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")

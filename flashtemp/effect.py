@@ -135,8 +135,8 @@ class Effect:
         """Contributions to the balance of `scene`."""
         return iter(())
 
-    def remarks(self, scene, p) -> list[str]:
-        """What a user should know before believing the result."""
+    def remarks(self, scene, p, run=None) -> list[str]:
+        """What a user should know before believing the result `run`."""
         return []
 
     def leave(self, scene, p, folder) -> None:

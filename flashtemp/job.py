@@ -124,7 +124,7 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say) -> Run:
             save_checkpoint(work, box["progress"])
             raise Interrupted(work, f"flashtemp run --resume {out}") from None
         text = (work / "case.toml").read_text(encoding="utf-8")
-        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p)]
+        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
         about = {"versions": versions(numerics.binding)} | ({"remarks": remarks} if remarks else {})
         run = replace(run, case_text=text, statistics=run.statistics | about)
         for a in scene.acting:

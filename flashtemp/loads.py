@@ -1,4 +1,4 @@
-"""Which process makes friction depend on the load?  Each switched on alone, and off while all others act.
+"""Which process makes friction depend on the load?  Each switched on alone, and off while the others act.
 
 Five candidates (the source paper's question): saturation of the contact, non-linear viscoelasticity, skewness of the
 roughness, adhesion that enlarges the contact, and frictional heating.  The first four act on the theory of friction,
@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from flashtemp import case as cases
+from flashtemp.balance import Balance
 from flashtemp.errors import FlashtempError, SolverFailure
 from flashtemp.march import march
 from flashtemp.scene import Acting, Scene
+from flashtemp.stage import Stage
 from flashtemp.theories import theory_of
 from flashtemp.workers import stream
 
@@ -29,7 +31,7 @@ PRESSURES, SPEEDS = (5e4, 1e5, 2e5, 3e5), (0.1, 0.5, 1.0)
 
 @dataclass(frozen=True)
 class Process:
-    """A process with the key of the theory's table that switches it: its value off, and where the case has none, on."""
+    """A process with the key of the theory's table that switches it: its value off, and a typical one where it acts."""
 
     name: str
     words: str
@@ -58,79 +60,88 @@ class Asked:
 
 
 def friction_of(asked: Asked) -> float:
-    """Load-weighted friction at the end of the last repetition; without heating that at the ambient temperature."""
-    if asked.cold:
-        scene, acting = theory_of(asked.case)
-        speed = asked.case["schedule.speed"]
-        return float(acting.p.theory(speed, scene.ambient, scene.load).mu) * asked.case["friction.mu"]
-    run = march(cases.build(asked.case), cases.settings(asked.case), asked.case.title)
-    return float(run.friction[run.last])
+    """Load-weighted friction at the end of the last repetition; without heating all is at the ambient temperature."""
+    scene = cases.build(asked.case)
+    if not asked.cold:
+        run = march(scene, cases.settings(asked.case), asked.case.title)
+        return float(run.friction[run.last])
+    phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
+    stage = Stage(Balance(scene), phase)
+    now, y = stage.moment(phase.end), stage.b.initial()
+    state, press, *_ = stage.meet(now, y)
+    T = np.full(len(press.pressure), now.ambient)
+    mu = stage.b.laws("friction.mu", 0.0, T, stage.footprint.at(state, now)._replace(face=T)) + 0.0 * T
+    load = press.pressure * scene.mesh.column_area
+    return float(mu @ load / load.sum())
 
 
 @dataclass(frozen=True)
 class Loads:
     """mu over speeds (m/s) and nominal pressures (Pa): arrays (speeds, pressures) by what acts.
 
-    `alone` {process: mu} with that process only, `without` {process: mu} with all others, `none`, `every`;
-    `other` heating alone under the other law of the contact fraction, which is `law`.
+    `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried with
+    typical values.  `every` is the case itself, `none` without any; `alone` {process: mu} with that process only,
+    `beside` {process: mu} what it is held against: for those that act the case without it, for the others the case with
+    it; `other` heating alone under the other law of the contact fraction, which is `law`.
     """
 
     title: str
     pressure: np.ndarray
     speed: np.ndarray
+    acting: tuple[str, ...]
+    values: dict[str, Any]
     none: np.ndarray
     every: np.ndarray
     alone: dict[str, np.ndarray]
-    without: dict[str, np.ndarray]
+    beside: dict[str, np.ndarray]
     other: np.ndarray
     law: str
 
     def change(self, mu: np.ndarray) -> np.ndarray:
-        """Relative change of mu (speeds,) from the lowest to the highest load, as a difference of logarithms."""
+        """Change of ln mu (speeds,) from the lowest to the highest load."""
         return np.log(mu[:, -1] / mu[:, 0])
 
     def shares(self) -> dict[str, np.ndarray]:
-        """What each process changes (speeds,): mean of its effect alone and of its effect beside all others."""
-        return {
-            n: 0.5 * (self.change(self.alone[n]) - self.change(self.none))
-            + 0.5 * (self.change(self.every) - self.change(self.without[n]))
-            for n in NAMES
-        }
+        """What each process changes in ln mu (speeds,): mean of its effect alone and of its effect on the case."""
+        return self._shares(self.change)
 
     def local(self) -> dict[str, np.ndarray]:
         """The same (speeds, pressures - 1), from each load to the next."""
+        return self._shares(lambda mu: np.diff(np.log(mu), axis=1))
 
-        def step(mu):
-            return np.diff(np.log(mu), axis=1)
-
-        return {
-            n: 0.5 * (step(self.alone[n]) - step(self.none) + step(self.every) - step(self.without[n])) for n in NAMES
-        }
+    def _shares(self, change) -> dict[str, np.ndarray]:
+        out = {}
+        for n in NAMES:
+            on_case = change(self.every) - change(self.beside[n])
+            own = change(self.alone[n]) - change(self.none)
+            out[n] = 0.5 * (own + (on_case if n in self.acting else -on_case))
+        return out
 
     @property
     def leading(self) -> str | None:
-        """The process that changes most, over all speeds; None where friction does not depend on the load."""
+        """The process of the case that changes most over all speeds; None where the load does not matter."""
         if np.max(np.abs(self.change(self.every))) < NOTHING:
             return None
-        return max(NAMES, key=lambda n: float(np.abs(self.shares()[n]).mean()))
+        return max(self.acting, key=lambda n: float(np.abs(self.shares()[n]).mean()))
 
     def as_dict(self) -> dict:
         """For --json."""
         plain = {k: getattr(self, k).tolist() for k in ("none", "every", "other")}
-        sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "without")}
+        sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "beside")}
         return {
             "title": self.title, "pressure_Pa": self.pressure.tolist(), "speed_m_s": self.speed.tolist(),
-            "contact_fraction": self.law, "leading": self.leading, "change": self.change(self.every).tolist(),
-            "shares": {n: v.tolist() for n, v in self.shares().items()},
-            "shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
+            "contact_fraction": self.law, "leading": self.leading, "acting": list(self.acting), "values": self.values,
+            "ln_change": self.change(self.every).tolist(),
+            "ln_shares": {n: v.tolist() for n, v in self.shares().items()},
+            "ln_shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
             "words": {p.name: p.words for p in PROCESSES}, "mu": plain | sets,
         }  # fmt: skip
 
     def save(self, file: Path) -> None:
         """A CSV row per speed and pressure."""
-        columns = {"all": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
+        columns = {"case": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
         columns |= {f"{n}_alone": v for n, v in self.alone.items()}
-        columns |= {f"without_{n}": v for n, v in self.without.items()}
+        columns |= {f"case_{'without' if n in self.acting else 'with'}_{n}": v for n, v in self.beside.items()}
         with Path(file).open("w", newline="") as out:
             rows = csv.writer(out)
             rows.writerow(["speed_m_s", "pressure_Pa", *(f"mu_{name}" for name in columns)])
@@ -143,8 +154,8 @@ class Loads:
         lines = [f"Friction over load '{self.title}', {low:g} to {high:g} MPa; contact fraction {self.law}"]
         shares = self.shares()
         for i, v in enumerate(self.speed):
-            parts = ", ".join(f"{n} {_percent(shares[n][i])}" for n in NAMES)
-            rest = self.change(self.every)[i] - sum(s[i] for s in shares.values())
+            parts = ", ".join(f"{n} {_percent(shares[n][i])}" for n in self.acting)
+            rest = self.change(self.every)[i] - sum(shares[n][i] for n in self.acting)
             change = f"{self.every[i, 0]:.3f} -> {self.every[i, -1]:.3f} ({_percent(self.change(self.every)[i])})"
             lines.append(f"  {v:g} m/s: mu {change}: {parts}; together {_percent(rest)} more")
         if self.leading is None:
@@ -154,6 +165,10 @@ class Loads:
             lines.append(f"  Mostly because {words} ({self.leading}).")
         here, there = (", ".join(map(_percent, self.change(mu))) for mu in (self.alone[HEATING], self.other))
         lines.append(f"  Heating alone: {here}; with the other contact fraction: {there}.  That law is a choice.")
+        for p in PROCESSES:
+            if p.name not in self.acting:
+                found = ", ".join(map(_percent, shares[p.name]))
+                lines.append(f"  Not in the case: if {p.words} ({p.key} = {self.values[p.name]}), {found}.")
         return "\n".join(lines)
 
 
@@ -165,23 +180,29 @@ def attribute(
     case: cases.Case, pressures=PRESSURES, speeds=SPEEDS, workers: int | None = None,
     watch: Callable[[int, int], Any] = lambda done, total: None,
 ) -> Loads:  # fmt: skip
-    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every process alone, and with all but it.
+    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every process alone, and the case without it.
 
+    A process that the case does not have is tried with a typical value, alone and beside the case.
     Raises BadInput where the case has no theory of friction, SolverFailure where a run fails.
     """
-    scene, acting = theory_of(case)
-    table = acting.name
-    on = {p.key: _on(case[f"{table}.{p.key}"], p) for p in PROCESSES if p.key}
+    scene, effect = theory_of(case)
+    table = effect.name
+    given = {p.name: case[f"{table}.{p.key}"] for p in PROCESSES if p.key}
+    acting = tuple(p.name for p in PROCESSES if not p.key or given[p.name] != p.off)
+    on = {p.name: given[p.name] if p.name in acting else p.on for p in PROCESSES if p.key}
 
-    def switched(names: tuple[str, ...]) -> dict[str, Any]:
-        return {f"{table}.{p.key}": on[p.key] if p.name in names else p.off for p in PROCESSES if p.key}
+    def switched(names) -> tuple[dict[str, Any], bool]:
+        keys = {f"{table}.{p.key}": on[p.name] if p.name in names else p.off for p in PROCESSES if p.key}
+        return keys, HEATING in names
 
-    sets = {"none": (), "every": NAMES} | {f"alone {n}": (n,) for n in NAMES}
-    sets |= {f"without {n}": tuple(m for m in NAMES if m != n) for n in NAMES}
-    given = {name: (switched(names), HEATING in names) for name, names in sets.items()}
-    given["other"] = switched((HEATING,)) | _other_law(case, scene, acting), True
+    def beside(name: str) -> tuple[str, ...]:
+        return tuple(n for n in acting if n != name) if name in acting else (*acting, name)
+
+    sets = {"none": switched(()), "every": switched(acting)}
+    sets |= {f"alone {n}": switched((n,)) for n in NAMES} | {f"beside {n}": switched(beside(n)) for n in NAMES}
+    sets["other"] = switched((HEATING,))[0] | _other_law(case, scene, effect), True
     asked = []
-    for overrides, heated in given.values():
+    for overrides, heated in sets.values():
         for v in speeds:
             for p in pressures:
                 point = cases.load_with(case, overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
@@ -193,17 +214,12 @@ def attribute(
             raise SolverFailure(f"at {at['schedule.speed']:g} m/s, {at['contact.pressure']:g} Pa: {answer}")
         found[k] = answer
         watch(done, len(asked))
-    blocks = dict(zip(given, found.reshape(len(given), len(speeds), len(pressures)), strict=True))
+    mu = dict(zip(sets, found.reshape(len(sets), len(speeds), len(pressures)), strict=True))
     return Loads(
-        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), blocks["none"], blocks["every"],
-        {n: blocks[f"alone {n}"] for n in NAMES}, {n: blocks[f"without {n}"] for n in NAMES}, blocks["other"],
-        _law(case, acting),
+        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), acting, on, mu["none"],
+        mu["every"], {n: mu[f"alone {n}"] for n in NAMES}, {n: mu[f"beside {n}"] for n in NAMES}, mu["other"],
+        _law(case, effect),
     )  # fmt: skip
-
-
-def _on(value: Any, process: Process) -> Any:
-    """The value that switches a process on: the case's own, or a typical one."""
-    return process.on if value == process.off else value
 
 
 def _law(case: cases.Case, acting: Acting) -> str:

@@ -30,8 +30,8 @@ class Series:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Lowest value above zero, and highest."""
-        return min((v for v in self.value if v > 0), default=0.0), max(self.value)
+        """Lowest value, a ten thousandth of the highest where it starts from or comes to rest, and highest."""
+        return max(min(self.value), 1e-4 * max(self.value)), max(self.value)
 
     def __call__(self, t: float) -> float:
         if len(self.value) == 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
 from flashtemp.friction import hot, inputs, kernel, persson, rheology, roughness, table
 from flashtemp.friction.shear import Shear
+from flashtemp.march import march
 from flashtemp.material import LIBRARY
 
 A, ASPHALT, CONCRETE = rheology.READY["A"], roughness.READY["asphalt A"], roughness.READY["concrete B"]
@@ -25,7 +27,7 @@ C20, C60, C80 = 20 + KELVIN, 60 + KELVIN, 80 + KELVIN
 
 
 def digits(got, known: str):
-    """`got` rounds to `known`, written as theory.md writes it, give or take half a unit of its last digit more."""
+    """`got` rounds to `known`, written as the source writes it, give or take half a unit of its last digit more."""
     mantissa = known.lower().split("e")
     last = 10.0 ** -len(mantissa[0].partition(".")[2]) * 10.0 ** float(mantissa[1] if len(mantissa) > 1 else 0)
     assert abs(float(got) - float(known)) <= last, f"{float(got):.10g} is not {known}"
@@ -434,3 +436,83 @@ def test_curve_that_ends_too_early_is_remarked(tmp_path):
     [said] = inputs.beyond(theory, [0.1], C20, P)
     assert "above 1e+03 rad/s" in said
     assert not inputs.beyond(VISCOUS, [1e-6, 10.0], C20, P)
+
+
+# --- in a run ---------------------------------------------------------------------------------------
+QUICK = {
+    "numerics.mesh": 0.4,
+    "numerics.rtol": 1e-3,
+    "output.profiles": 8,
+    "output.fields": 2,
+    "schedule.distance": 0.5,
+}
+
+
+def marched(folder, **given):
+    """A run of a case with the effect; keys as table__key."""
+    (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
+    case = cases.load(folder, QUICK | {k.replace("__", "."): v for k, v in given.items()})
+    return march(cases.build(case), cases.settings(case))
+
+
+def test_speed_from_rest_has_the_friction_of_every_speed(tmp_path):
+    """A ramp that starts at 0 and one that starts just above: the same friction on the way, lower where it is slow."""
+    from_rest = marched(tmp_path, schedule__speed=[[0.0, 0.0], [10.0, 0.5]])
+    just_above = marched(tmp_path, schedule__speed=[[0.0, 1e-4], [10.0, 0.5]])
+    slow, fast = (np.interp(s, from_rest.slid, from_rest.friction) for s in (2e-3, 0.45))
+    assert np.interp(2e-3, just_above.slid, just_above.friction) == pytest.approx(slow, rel=5e-3)
+    assert slow < 0.95 * float(WHOLE(0.5, C20, P).mu)
+    assert fast > slow - 0.05
+
+
+def test_table_of_another_making_is_not_taken_up(tmp_path, monkeypatch):
+    """Other axes, or other equations behind the same axes: made anew; a file with other shapes too."""
+    monkeypatch.setattr(table, "ABOVE", 120.0)
+    tabulated().save(tmp_path)
+    monkeypatch.undo()
+    fresh, again = tabulated(), tabulated(folder=tmp_path)
+    assert np.array_equal(again.values, fresh.values)
+    again.save(tmp_path)
+    monkeypatch.setattr(table, "EQUATIONS", table.EQUATIONS + 1)
+    assert tabulated(folder=tmp_path).made_of != fresh.made_of
+
+
+def test_run_says_where_it_left_its_table(tmp_path):
+    scene = cases.build(cases.load(_plain(tmp_path)))
+    acting = next(a for a in scene.acting if a.name == "persson_friction")
+    inside = SimpleNamespace(T_spot=np.array([25.0, 90.0]), pressure=np.array([1e5]))
+    hot = SimpleNamespace(T_spot=np.array([25.0, np.nan, 170.0]), pressure=np.array([3e6]))
+    assert acting.effect.remarks(scene, acting.p, inside) == []
+    said = acting.effect.remarks(scene, acting.p, hot)
+    assert any("170 degC; friction there is that of 150 degC" in line for line in said)  # where the shift factor ends
+    assert any("3e+06 Pa" in line for line in said)
+
+
+def _plain(folder):
+    (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
+    return folder
+
+
+def test_spots_longer_than_the_road_are_refused(tmp_path, capsys):
+    _plain(tmp_path)
+    args = ["check", str(tmp_path), "persson_friction.spots=theory", "contact.spot_diameter=0.04"]
+    assert main(args) == 2
+    assert "longest wave" in capsys.readouterr().err
+
+
+def test_shift_without_a_curve_is_refused_and_a_missing_one_said(tmp_path, capsys):
+    _plain(tmp_path)
+    assert main(["check", str(tmp_path), "persson_friction.wlf=[7.0,100.0]"]) == 2
+    assert "belongs to a master_curve" in capsys.readouterr().err
+    rows = "[[1.0, 8e6, 1e6], [1e6, 2e8, 1e8], [1e12, 2e9, 1e7]]"
+    case = cases.load(tmp_path, [f"persson_friction.master_curve={rows}"])
+    scene = cases.build(case)
+    acting = next(a for a in scene.acting if a.name == "persson_friction")
+    assert any("no shift factor was given" in line for line in acting.effect.remarks(scene, acting.p))
+
+
+def test_softening_that_is_strong_settles():
+    """Payne at its lowest bound: the modulus at every wavenumber is that of the strain there."""
+    theory = replace(WHOLE, payne=persson.Payne(0.05))
+    loose = replace(WHOLE, payne=persson.Payne(0.9))
+    assert theory(0.1, C20, P).area > loose(0.1, C20, P).area > WHOLE(0.1, C20, P).area

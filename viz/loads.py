@@ -36,8 +36,9 @@ def _curves(ax, found, i: int) -> None:
     p = found.pressure / 1e6
     ax.plot(p, found.none[i], color="#B5B5B5", lw=2.4, label="none")
     for name, mu in found.alone.items():
-        ax.plot(p, mu[i], "o-", ms=2.5, lw=1.1, color=COLOURS[name], label=f"{name} alone")
-    ax.plot(p, found.every[i], "ko-", ms=3.5, lw=2.2, label="all")
+        style = "o-" if name in found.acting else "o:"  # dotted: not in the case
+        ax.plot(p, mu[i], style, ms=2.5, lw=1.1, color=COLOURS[name], label=f"{name} alone")
+    ax.plot(p, found.every[i], "ko-", ms=3.5, lw=2.2, label="the case")
     ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", title=f"{found.speed[i]:g} m/s")
     ax.set_xticks(p, [f"{v:g}" for v in p])
     ax.minorticks_off()
@@ -48,10 +49,11 @@ def _bars(ax, found) -> None:
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         at = np.arange(len(found.speed)) + (k - 0.5 * (len(shares) - 1)) * width
-        ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=COLOURS[name])
+        fill = COLOURS[name] if name in found.acting else "white"  # hollow: not in the case
+        ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=fill, edgecolor=COLOURS[name], lw=0.8)
     total = 100 * np.expm1(found.change(found.every))
     ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8)
-    ax.annotate("all together", (0, total[0]), (16, 0), textcoords="offset points", va="center", fontsize=7.0)
+    ax.annotate("the case", (0, total[0]), (16, 0), textcoords="offset points", va="center", fontsize=7.0)
     ax.axhline(0.0, color="black", lw=0.6)
     ax.set_xticks(np.arange(len(found.speed)), [f"{v:g} m/s" for v in found.speed])
     low, high = found.pressure[[0, -1]] / 1e6
@@ -62,7 +64,8 @@ def _steps(ax, found) -> None:
     local = found.local()
     middle = np.sqrt(found.pressure[1:] * found.pressure[:-1]) / 1e6
     for name, share in local.items():
-        ax.plot(middle, share[-1] / np.diff(np.log(found.pressure)), "o-", ms=3, color=COLOURS[name])
+        style = "o-" if name in found.acting else "o:"
+        ax.plot(middle, share[-1] / np.diff(np.log(found.pressure)), style, ms=3, color=COLOURS[name])
     ax.axhline(0.0, color="black", lw=0.6)
     ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel=r"d ln $\mu$ / d ln $p$")
     ax.set_title(f"from load to load at {found.speed[-1]:g} m/s")

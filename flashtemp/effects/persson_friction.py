@@ -34,7 +34,7 @@ class PerssonFriction(Effect):
         "frequency, storage and loss modulus: CSV file, rows, or an analytic curve",
         kinds=("text", "table"),
     )
-    wlf = Param([7.718, 116.6], "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
+    wlf = Param(None, "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
     shift = Param(
         None, "degC, 1", "temperature and log10 a_T instead of wlf: CSV file or rows", kinds=("text", "table")
@@ -56,7 +56,7 @@ class PerssonFriction(Effect):
     in_depth = Param(True, "1", "release the viscoelastic heat where the theory says", kinds=("flag",))
     extrapolate = Param(True, "1", "false: refuse where friction comes from beyond the measured range", kinds=("flag",))
     saturation = Param(True, "1", "false: area in contact proportional to load without bound", kinds=("flag",))
-    payne_rest = Param(1.0, "1", "share of the modulus left at large strain (filled rubber)", low=0.01, high=1.0)
+    payne_rest = Param(1.0, "1", "share of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
     payne_strain = Param(0.05, "1", "strain at which half of that fall has happened", low=1e-6, high=10.0)
     flattened = Param(1.0, "1", "factor on heights above the mean plane: skewness of the road", low=0.05, high=1.0)
     work_of_adhesion = Param(0.0, "J/m2", "work of adhesion that pulls rubber into contact", low=0.0, high=10.0)
@@ -67,7 +67,7 @@ class PerssonFriction(Effect):
         if values["spots"] not in ("given", "theory"):
             raise BadInput(f'persson_friction.spots: {values["spots"]!r}; give "given" or "theory"')
         values["theory"] = inputs.theory(values, folder, "persson_friction")
-        values["folder"] = folder
+        values["folder"], values["assumed"] = folder, inputs.assumed(values)
         return values
 
     def heat(self, scene, p):
@@ -76,7 +76,7 @@ class PerssonFriction(Effect):
         if p.weight == 0:
             return
         look = table.Reading(lambda: _tabulated(scene, p))
-        depths = inputs.depths(p.theory, scene.speeds, scene.ambient, scene.load, SHALLOW) if p.in_depth else []
+        depths = inputs.depths(p.theory, scene.speeds[1], scene.ambient, scene.load, SHALLOW) if p.in_depth else []
         inside = sum(share for share, _ in depths)
 
         def law(T, now, p):
@@ -99,12 +99,15 @@ class PerssonFriction(Effect):
             yield Deposit(p.weight * share, depth)
         if depths:
             yield Factor("friction.in_depth", parted)
-        if not p.extrapolate and (said := self.remarks(scene, p)):
+        if not p.extrapolate and (said := inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load)):
             raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
 
-    def remarks(self, scene, p):
-        """Friction from beyond what was measured."""
-        return inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load)
+    def remarks(self, scene, p, run=None):
+        """Friction from beyond what was measured or tabulated, and keys that have no say."""
+        said = inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
+        if p.weight > 0 and run is not None:
+            said += _tabulated(scene, p).left(run, p.theory.rubber.shift.reach)
+        return said
 
     def leave(self, scene, p, folder):
         """The table of friction, which a repeated run takes up again."""

@@ -20,7 +20,7 @@ from flashtemp.friction.kernel import Memory, overlap
 from flashtemp.friction.persson import Found, Theory
 from flashtemp.material import Material
 
-PASSES, CLOSE = 200, 1e-6  # of the fixed point; K
+PASSES, CLOSE = 600, 1e-6  # of the fixed point; K, and share of the rise
 STANDING = 1e-9  # m/s: what moves slower has the friction of this speed, and the heat of its own
 
 
@@ -70,13 +70,15 @@ def hot(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: 
     off, on = past.steady(spots.diameter / v)
     phi = spots.covered(theory, v, T0, p)
     T = np.full(len(theory.q), T0) if start is None else start
+    relax, last = 0.5, np.inf
     for _ in range(PASSES):
         found = theory(v, T, p)
         heat = source(found, phi, v, p)
         new = T0 + past.rise(off, on, heat[None], past.spread(heat)[None])
         change = np.max(np.abs(new - T))
-        T = 0.5 * (T + new)
-        if change < CLOSE:
+        relax = relax if change < last else max(0.7 * relax, 0.02)
+        T, last = T + relax * (new - T), change
+        if change < CLOSE * max(1.0, new.max() - T0):
             return found, T
     raise SolverFailure(f"friction and flash temperature do not agree at {v:g} m/s: {change:.2g} K apart")
 

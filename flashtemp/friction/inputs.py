@@ -17,6 +17,7 @@ from flashtemp.friction.shear import Shear
 
 KELVIN = 273.15
 BEYOND = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
+USUAL_WLF = (7.718, 116.6)  # of rubber A; K
 PER_DECADE = 3.0  # deposits in depth
 PRESSED = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
 SKEW_GRID = 128  # points along a side of the roads on which skewness is solved
@@ -41,22 +42,26 @@ def theory(values: dict[str, Any], folder, table: str) -> Theory:
 
 def _rubber(values, folder, table: str) -> rheology.Rubber:
     constants = values["wlf"]
-    if len(constants) != 2 or not all(map(_positive, constants)):
+    if constants is not None and (len(constants) != 2 or not all(map(_positive, constants))):
         raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
     if values["master_curve"] is None:
+        for key in ("wlf", "shift"):
+            if values[key] is not None:
+                raise BadInput(f"{table}.{key}: belongs to a master_curve; give that too, or leave it out")
         name = values["rubber"]
         if name not in rheology.READY:
             raise BadInput(_unknown(f"{table}.rubber", name, rheology.READY, "master_curve"))
         return replace(rheology.READY[name], poisson=values["poisson"])
     from flashtemp.friction import dma
 
-    shift = rheology.WLF(*constants, values["reference"] + KELVIN)
+    shift = rheology.WLF(*(constants or USUAL_WLF), values["reference"] + KELVIN)
+    told = constants or values["shift"]
     if values["shift"] is not None:
         shift = dma.read_shift(values["shift"], folder, f"{table}.shift")
     given, key = values["master_curve"], f"{table}.master_curve"
     if isinstance(given, dict):
         return rheology.Rubber(_analytic(given, key), shift, values["poisson"], "given")
-    curve = dma.read_master(given, folder, key, shift, values["poisson"])
+    curve = dma.read_master(given, folder, key, shift if told else None, values["poisson"])
     return rheology.Rubber(curve, shift, values["poisson"], "measured")
 
 
@@ -135,19 +140,26 @@ def _attracted(work: float, plain: Theory):
     return attraction.attracted(plain, CREEP, 293.15, work, PRESSED, viscous=0.0)
 
 
+def assumed(values: dict[str, Any]) -> list[str]:
+    """In words: what the case leaves open and the theory needs."""
+    if values["master_curve"] is not None and values["wlf"] is None and values["shift"] is None:
+        return [f"no shift factor was given: the master curve is shifted by C1, C2 = {USUAL_WLF} K, those of rubber A"]
+    return []
+
+
 def low_modulus(theory: Theory) -> float:
     """Contact modulus |E|/(1 - nu^2) (Pa) that the longest waves of the road feel in slow sliding at 20 degC."""
     E = theory.rubber(theory.road.q0 * CREEP, 293.15)
     return float(np.abs(E) / (1 - theory.rubber.poisson**2))
 
 
-def depths(theory: Theory, speeds, T: float, p: float, shallow: float) -> list[tuple[float, float]]:
+def depths(theory: Theory, v: float, T: float, p: float, shallow: float) -> list[tuple[float, float]]:
     """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `shallow` (m).
 
-    The spectrum of dmu/dq, whose heat decays over 1/(2q), at the mean (geometric) of two speeds (m/s), T (K) and
-    p (Pa), gathered in a few depths; eqs. (6) and (7).
+    The spectrum of dmu/dq, whose heat decays over 1/(2q), at speed v (m/s), T (K) and p (Pa), gathered in a few
+    depths; eqs. (6) and (7).
     """
-    found = theory(float(np.sqrt(speeds[0] * speeds[1])), T, p)
+    found = theory(v, T, p)
     share = found.density * found.weight / found.mu
     depth = 0.5 / found.q
     bin_of = np.floor(PER_DECADE * np.log10(depth / shallow)).astype(int)

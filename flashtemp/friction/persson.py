@@ -17,11 +17,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
+from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.friction.rheology import Rubber
 from flashtemp.friction.roughness import Spectrum
 from flashtemp.friction.shear import Shear
 
 ORDER = 8  # Gauss points per panel of q
+PASSES = 400  # of the softening with strain
 ANGLES = 64  # Gauss points from 0 to pi/2
 LOGS = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
 
@@ -158,9 +160,9 @@ class Theory:
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
         softer = 1.0
-        for _ in range(1 if self.payne is None else 60):
+        for _ in range(1 if self.payne is None else PASSES):
             rate = q**3 * C * (softer * root) ** 2 / 8
-            G = self.up_to(rate)
+            G = np.maximum(self.up_to(rate), 1e-300)
             P = self._fraction(G)
             if self.payne is None:
                 break
@@ -169,6 +171,8 @@ class Theory:
             change, softer = np.max(np.abs(new - softer)), new
             if change < 1e-8:
                 break
+        else:
+            raise SolverFailure(f"softening of the rubber with strain does not settle: {change:.1g} of the modulus")
         S = self.gamma + (1 - self.gamma) * P**2 * self.saturation
         density = 0.5 * q**3 * C * S * P * softer * root * loss(x)
         stretch = np.sum(rate * self.weight, axis=-1)
@@ -192,15 +196,23 @@ class Theory:
         return self._nodes[1].ravel()
 
     def upto(self, q: float) -> Theory:
-        """The theory of the same road without waves shorter than those of q (1/m)."""
+        """The theory of the same road without waves shorter than those of q (1/m).  Raises BadInput below its waves."""
+        if not q > self.road.q0:
+            longest, asked = 2 * np.pi / self.road.q0, 2 * np.pi / q
+            raise BadInput(
+                f"contact.spot_diameter: {asked:.3g} m is not below the road's longest wave, {longest:.3g} m; "
+                "give smaller spots, their fraction, or a spectrum with longer waves"
+            )
         return _cut(self, q)
 
     def covering(self, q: float, T: float, p: float) -> Callable:
         """Law (v, p) of P at one wavenumber q (1/m) at T (K), around a pressure p (Pa): G falls as 1/p^2 there."""
 
+        cut = self.upto(q)
+
         @lru_cache(maxsize=2)
         def resisting(v):  # Pa
-            return p * np.sqrt(self.upto(q)(v, T, p).stretch)
+            return p * np.sqrt(cut(v, T, p).stretch)
 
         return lambda v, local: erf(0.5 * local / resisting(v))
 

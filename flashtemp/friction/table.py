@@ -22,10 +22,12 @@ from flashtemp.friction.persson import Theory
 from flashtemp.material import Material
 
 FILE = "friction.nc"
+EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
 KELVIN = 273.15
 BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
 PRESSURES, REACH = 7, 12.0  # nodes, from the mean nominal pressure over REACH to REACH times it
-PER_DECADE = 12  # of speed, where it varies
+PER_DECADE = 8  # of speed, where it varies
+COARSE = 3e-3  # error of a table, over its largest mu, that is worth a word
 LIGHT = 1.0  # Pa: below, friction is that at this pressure
 SLOWEST = 1e-7  # m/s: friction at rest is that of creep
 
@@ -128,6 +130,22 @@ class Table:
     def _kept(self) -> dict:
         return {}
 
+    def left(self, run, shifted: tuple[float, float]) -> list[str]:
+        """In words: where a run left this table, or the temperatures (K) between which the modulus is `shifted`."""
+        T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
+        low, high = max(self.T[0], shifted[0]), min(self.T[-1], shifted[1])
+        said = []
+        for beyond, reached, held in ((T.max() > high, T.max(), high), (T.min() < low, T.min(), low)):
+            if beyond:
+                said.append(
+                    f"spots reached {reached - KELVIN:.0f} degC; friction there is that of {held - KELVIN:.0f} degC"
+                )
+        if p > np.exp(self.logp[-1]):
+            said.append(f"pressure reached {p:.3g} Pa; friction there is that of {np.exp(self.logp[-1]):.3g} Pa")
+        if self.error > COARSE:
+            said.append(f"the table of friction is off by up to {100 * self.error:.1g} % of its largest value")
+        return said
+
     def at(self, v: float) -> Slice:
         """The table at a speed (m/s), held outside its range; the last one asked for is kept."""
         if v not in self._kept:
@@ -189,12 +207,13 @@ def tabulate(
 
 @lru_cache(maxsize=8)
 def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) -> Table:
-    made_of = hashlib.sha256(repr((theory, rubber, diameter, speeds, p, ambient, shallow)).encode()).hexdigest()
     low, high = (max(v, SLOWEST) for v in speeds)
     count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
     logv = np.linspace(np.log(low), np.log(high), count)
     logp = np.linspace(np.log(p / REACH), np.log(p * REACH), PRESSURES)
     T = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
+    axes = [a.tolist() for a in (logv, T, logp)]
+    made_of = hashlib.sha256(repr((EQUATIONS, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
     if (kept := _kept(folder, made_of)) is not None:
         return Table(logv, T, logp, *kept, made_of)
     values = np.array([_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
@@ -215,7 +234,7 @@ def _kept(folder, made_of: str):
             same = found.attrs.get("made_of") == made_of
             values = np.stack([found.mu.values, found.mu_in_depth.values], axis=1)
             return (values, float(found.attrs["largest_error_of_interpolation"])) if same else None
-    except (OSError, KeyError, AttributeError):
+    except (OSError, KeyError, AttributeError, ValueError):
         return None  # damaged: made anew
 
 

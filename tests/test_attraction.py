@@ -44,7 +44,7 @@ def test_a_wall_that_recedes_evenly(rate, first):
 
 
 def test_the_tension_that_parts_a_contact_is_griffiths():
-    """A penny crack of radius pi/q in front of a rigid body releases, per area that it grows by, the work of adhesion."""
+    """A penny crack of radius pi/q before a rigid body releases, per area that it grows by, the work of adhesion."""
     E, w, wave = 1.3e7, 0.05, 1e5
     stress, radius = attraction.parting(wave, w, E), np.pi / wave
 

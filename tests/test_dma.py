@@ -24,19 +24,23 @@ def lines(head: str, columns, sign: str, comma: bool = False) -> str:
     return f"{head}{text.replace('.', ',') if comma else text}\n"
 
 
+OMEGA, MPA, YOUNG, THIRD = 2 * np.pi * F, (F, E.real / 1e6, E.imag / 1e6), (E.real, E.imag), (E.real / 3, E.imag / 3)
+WARM = 20 + 0 * F
+STEP = "Angular frequency [rad/s]\tStorage modulus [Pa]\tLoss modulus [Pa]\n"
 FORMATS = {
-    "comments, tabs": lines("# DMA\n# Frequency (Hz)\tE' Storage Modulus (MPa)\tE'' Loss Modulus (MPa)\n", (F, E.real / 1e6, E.imag / 1e6), "\t"),
+    "comments, tabs": lines("# DMA\n# Frequency (Hz)\tE' Storage Modulus (MPa)\tE'' Loss Modulus (MPa)\n", MPA, "\t"),
     "decimal commas": lines("Probe;7,5 mm\nfrequency;E'';E'\nHz;kPa;kPa\n", (F, E.imag / 1e3, E.real / 1e3), ";", True),
-    "commas, no spaces": lines("omega,E_stor,E_loss,T\nrad/s,Pa,Pa,C\n", (2 * np.pi * F, E.real, E.imag, 20 + 0 * F), ","),
-    "blanks, no header": lines("", (2 * np.pi * F, E.real, E.imag), "   "),
-    "blanks, decimal commas": lines("f  E'  E''\nHz  MPa  MPa\n", (F, E.real / 1e6, E.imag / 1e6), "  ", True),
-    "shear": lines("T=20;origin=x\nFreq\tG'\tG\"\tTemp\nrad/s\tPa\tPa\t°C\n", (2 * np.pi * F, E.real / 3, E.imag / 3, 20 + 0 * F), "     "),
-    "tan delta": lines("f / Hz;T / °C;tan δ;Storage modulus / GPa\n", (F, 20 + 0 * F, TAN, E.real / 1e9), ";"),
-    "slashes": lines("f/Hz,E′/MPa,E″/MPa\n", (F, E.real / 1e6, E.imag / 1e6), ","),
-    "brackets": lines("f(Hz);E'(MPa);E''(MPa)\n", (F, E.real / 1e6, E.imag / 1e6), ";"),
-    "more names than columns": lines("w     G'     G''     Temp     tan_delta\n", (2 * np.pi * F, E.real / 3, E.imag / 3, 20 + 0 * F), "  ")[:-1] + "  0.5\n",
-    "steps": lines("Angular frequency [rad/s]\tStorage modulus [Pa]\tLoss modulus [Pa]\n", (2 * np.pi * F[:5], E.real[:5], E.imag[:5]), "\t")
-    + lines("\n# step 2\nAngular frequency [rad/s]\tStorage modulus [Pa]\tLoss modulus [Pa]\n", (2 * np.pi * F[5:], E.real[5:], E.imag[5:]), "\t"),
+    "commas, no spaces": lines("omega,E_stor,E_loss,T\nrad/s,Pa,Pa,C\n", (OMEGA, *YOUNG, WARM), ","),
+    "blanks, no header": lines("", (OMEGA, *YOUNG), "   "),
+    "blanks, decimal commas": lines("f  E'  E''\nHz  MPa  MPa\n", MPA, "  ", True),
+    "shear": lines("T=20;origin=x\nFreq\tG'\tG\"\tTemp\nrad/s\tPa\tPa\t°C\n", (OMEGA, *THIRD, WARM), "     "),
+    "tan delta": lines("f / Hz;T / °C;tan δ;Storage modulus / GPa\n", (F, WARM, TAN, E.real / 1e9), ";"),
+    "slashes": lines("f/Hz,E′/MPa,E″/MPa\n", MPA, ","),
+    "brackets": lines("f(Hz);E'(MPa);E''(MPa)\n", MPA, ";"),
+    "more names than columns": lines("w     G'     G''     Temp     tan_delta\n", (OMEGA, *THIRD, WARM), "  ")[:-1]
+    + "  0.5\n",
+    "steps": lines(STEP, (OMEGA[:5], E.real[:5], E.imag[:5]), "\t")
+    + lines(f"\n# step 2\n{STEP}", (OMEGA[5:], E.real[5:], E.imag[5:]), "\t"),
 }  # fmt: skip
 
 
@@ -104,7 +108,7 @@ def test_sweeps_fall_on_the_master_curve(tmp_path):
 def test_sweeps_need_the_right_shift(tmp_path):
     f, storage, loss, T = raw_sweeps(tmp_path)
     with pytest.raises(BadInput, match="-20 to 40 degC without a shift; give WLF"):
-        dma.read_master("raw.csv", tmp_path, "k")
+        dma.read_master("raw.csv", tmp_path, "k", None)
     wrong = Shifts((250.0, 320.0), tuple(-np.log10(SHIFT(np.array([250.0, 320.0])))))
     with pytest.raises(BadInput, match="decades apart once shifted"):
         dma.read_master("raw.csv", tmp_path, "k", wrong)
@@ -126,8 +130,10 @@ def test_shift_factors(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("f,E',E''\n1,10,1\n2,11,1\n3,12,1\n", r"x.csv:2: E' \(Pa assumed, no unit stated\): 10 .*is the modulus in MPa\? say"),
-        ("f,E',E''\nHz,Pa,Pa\n1,10,1\n2,11,1\n3,12,1\n", r"x.csv:3: E' \(Pa\): 10 in SI units; give a modulus from 1e3 to 1e12 Pa$"),
+        ("f,E',E''\n1,10,1\n2,11,1\n3,12,1\n",
+         r"x.csv:2: E' \(Pa assumed, no unit stated\): 10 .*is the modulus in MPa\? say"),
+        ("f,E',E''\nHz,Pa,Pa\n1,10,1\n2,11,1\n3,12,1\n",
+         r"x.csv:3: E' \(Pa\): 10 in SI units; give a modulus from 1e3 to 1e12 Pa$"),
         ("f,E',E''\nHz,GPa,Pa\n1,1,1\n2,9000,1\n", r"x.csv:4: E' \(GPa\): 9e\+12"),
         ("f,E',E''\nHz,MPa,MPa\n1,10,1\n2,11,-1\n3,12,1\n", r"x.csv:4: E'' \(MPa\): -1e\+06 .* loss modulus > 0"),
         ("f,E',E''\nHz,MPa,MPa\n0,10,1\n2,11,1\n", r"x.csv:3: f \(Hz\): 0 in SI units; give a frequency > 0"),
@@ -156,7 +162,11 @@ def test_wrong_files_are_told_by_line_and_column(text, says, tmp_path):
         ([[1.0, 10.0, 1.0], [2.0, 11.0, 1.0]], r"^k: row 1: storage modulus \(Pa\): 10 .* 1e3 to 1e12 Pa$"),
         ([[1.0, 1e6, 1e5], [1.0, 1e6, 1e5], [2.0, 1e6, 1e5]], "2 different frequencies; give 3 or more"),
         ("missing.csv", "file 'missing.csv' not found"),
-        (7, "7; give a file name"),
+        (
+            7,
+            r"^k: 7; give a file name or a list of rows, or a table { relaxed = Pa, unrelaxed = Pa, exponent = 1, "
+            r"time = s } or { relaxed = Pa, terms = \[\[Pa, s\], ...\] }$",
+        ),
     ],
 )
 def test_wrong_rows(source, says, tmp_path):
@@ -167,8 +177,9 @@ def test_wrong_rows(source, says, tmp_path):
 @pytest.mark.parametrize(
     ("rows", "says"),
     [
-        ([[20.0, 0.0], [60.0, 2.0]], "log10 a_T rises with temperature"),
-        ([[20.0, 0.0]], "1 temperatures"),
+        ([[20.0, 0.0], [60.0, 2.0]], "^k: log10 a_T rises with temperature"),
+        ([[20.0, 0.0]], "^k: 1 temperatures"),
+        (5, "^k: 5; give a file name or a list of rows$"),
         ([[20.0, 0.0], [60.0, 1e4]], r"row 2: .*between -40 and 40"),
         ([[293.0, 0.0], [633.0, -2.0]], "row 2: temperature"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -135,7 +136,8 @@ def test_a_measured_profile():
 
 SPECTRA = {
     "own": "q_1/m,C_m4\n100,1e-11\n1000,1e-12\n1000,1e-14\n10000,1e-16\n",
-    "comments": "# PSD\n# Wavenumber q (1/m)\tPSD C(q) (m^4)\n1.E+02\t1.E-11\n1.E+03\t1.E-12\n1.E+03\t1.E-14\n1.E+04\t1.E-16\n",
+    "comments": "# PSD\n# Wavenumber q (1/m)\tPSD C(q) (m^4)\n"
+    "1.E+02\t1.E-11\n1.E+03\t1.E-12\n1.E+03\t1.E-14\n1.E+04\t1.E-16\n",
     "micrometres": "q;C(q)\nµm^-1;µm^4\n0,0001;1e13\n0,001;1e12\n0,001;1e10\n0,01;1e8\n",
     "no header": "100 1e-11\n10000 1e-16\n1000 1e-12\n1000 1e-14\n",
 }
@@ -161,7 +163,9 @@ def test_spectra_from_files(name, tmp_path):
         ("q,C\n1/m,m^4\n100,1e-11\n1000,0\n1e4,1e-7\n", r"x.csv:4: C \(m4\): 0 in SI units; give a number > 0"),
         ("q,C\n1/m,m^3\n100,1e-11\n1000,1e-12\n", "unit 'm3' is not known; give one of m4"),
         ("q,height\n1/m,m\n100,1e-11\n1000,1e-12\n", "no column of the power spectrum; name it C"),
-        ([[100.0, 1e-11], [1000.0, 1e-12]], "^k: row: 2 different wavenumbers"),
+        ([[100.0, 1e-11], [1000.0, 1e-12]], "^k: 2 different wavenumbers; give 3 or more$"),
+        ([[100.0, 1e-3], [1000.0, 1e-4], [1e4, 1e-7]], "^k: rms height"),
+        (5, "^k: 5; give a file name or a list of rows, or a law { height = m, rolloff = 1/m, hurst = 1, lowest"),
     ],
 )
 def test_wrong_spectra(source, says, tmp_path):
@@ -185,11 +189,12 @@ def test_the_command_on_an_area(heights, tmp_path, capsys):
         told.append(json.loads(capsys.readouterr().out))
         assert Path(told[-1]["picture"]).stat().st_size > 5000
         points = texture.read_spectrum(out.name, tmp_path, "k")
-        assert Spectrum(points, *points.reach).height == pytest.approx(told[-1]["rms_height"], rel=1e-6)
-    assert told[0]["rms_height"] == pytest.approx(told[1]["rms_height"], rel=1e-3)
+        assert Spectrum(points, *points.reach).height == pytest.approx(told[-1]["rms_height_m"], rel=1e-6)
+    assert told[0]["rms_height_m"] == pytest.approx(told[1]["rms_height_m"], rel=1e-3)
     assert told[0]["hurst"] == pytest.approx(0.8, abs=0.08)
-    assert told[0]["longest"] <= 0.01
-    assert told[0]["shortest"] == pytest.approx(2 * PIXEL, rel=0.1)
+    assert told[0]["remarks"] == []
+    assert told[0]["longest_m"] <= 0.01
+    assert told[0]["shortest_m"] == pytest.approx(2 * PIXEL, rel=0.1)
 
 
 def test_the_command_on_a_profile(heights, tmp_path, capsys):
@@ -204,9 +209,56 @@ def test_the_command_on_a_profile(heights, tmp_path, capsys):
     assert (tmp_path / "psd.png").is_file()
     assert texture.read_spectrum("psd.csv", tmp_path, "k").reach[1] <= np.pi / PIXEL / 2
     np.savetxt(tmp_path / "bare.txt", np.where(np.isnan(line), 0.0, line))
+    out = tmp_path / "bare.csv"
     argv = ["spectrum", str(tmp_path / "bare.txt"), "--out", str(out), "--profile", f"--pixel={PIXEL}", "--json"]
     assert main(argv) == 0
-    assert json.loads(capsys.readouterr().out)["rms_height_of_line"] == pytest.approx(line.std(), rel=0.1)
+    assert json.loads(capsys.readouterr().out)["rms_height_of_line_m"] == pytest.approx(line.std(), rel=0.1)
+
+
+def test_the_numbers_of_a_law_carry_their_units():
+    """Of points on the law: its own level, roll-off and exponent."""
+    q = np.geomspace(0.1 * LAW.rolloff, 100 * LAW.rolloff, 61)
+    told = texture.Summary.of(Points(tuple(q), tuple(LAW(q)))).as_dict()
+    assert told["level_m4"] == pytest.approx(LAW.level, rel=0.02)
+    assert told["rolloff_m"] == pytest.approx(2 * np.pi / LAW.rolloff, rel=0.02)
+    assert (told["longest_m"], told["shortest_m"]) == pytest.approx((2 * np.pi / q[0], 2 * np.pi / q[-1]))
+    assert {k for k in told if not k.endswith(("_m", "_m4"))} == {"rms_slope", "hurst", "remarks"}
+
+
+@pytest.mark.parametrize("taken", ["a.csv", "a.png"])
+def test_no_file_is_overwritten(taken, tmp_path, capsys, monkeypatch):
+    """Told before anything is read or computed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(texture, "without_spikes", lambda heights: pytest.fail("computed"))
+    np.save("road.npy", np.zeros((32, 32)))
+    Path(taken).write_text("mine")
+    assert main(["spectrum", "road.npy", "--pixel", "1e-4", "--out", "a.csv"]) == 2
+    assert capsys.readouterr().err.strip().endswith(f"--out: {taken} exists; choose another name")
+    assert Path(taken).read_text() == "mine"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "pixel", "said"),
+    [("noise", "1e-3", ["Hurst exponent -"]), ("road", "1e-12", ["rms slope"]), ("road", str(PIXEL), [])],
+)
+def test_what_no_road_has_is_remarked(heights, kind, pixel, said, tmp_path, capsys):
+    noise = 1e-4 * np.random.default_rng(2).standard_normal((128, 128))
+    np.save(tmp_path / "road.npy", noise if kind == "noise" else heights[0, :256, :256])
+    argv = ["spectrum", str(tmp_path / "road.npy"), "--pixel", pixel]
+    assert main([*argv, "--out", str(tmp_path / "a.csv"), "--json"]) == 0
+    remarks = json.loads(capsys.readouterr().out)["remarks"]
+    assert len(remarks) == len(said)
+    assert all(remark.startswith(words) for remark, words in zip(remarks, said, strict=True))
+    assert main([*argv, "--out", str(tmp_path / "b.csv")]) == 0
+    text = capsys.readouterr().out
+    assert [line for line in text.splitlines() if "remark" in line] == [f"  remark: {remark}" for remark in remarks]
+
+
+def test_a_hurst_exponent_may_reach_its_limits():
+    for hurst, count in ((-0.02, 1), (0.0, 0), (1.0, 0), (1.004, 0), (1.02, 1)):
+        assert len(texture.Summary(1e-4, 9.9, 1e3, 1e5, SelfAffine(1e-14, 1e3, hurst)).remarks) == count
+    assert len(texture.Summary(1e-4, 10.1, 1e3, 1e5, SelfAffine(1e-14, 1e3, 0.8)).remarks) == 1
 
 
 def test_the_picture_shows_points_and_law():
@@ -225,7 +277,9 @@ def test_the_picture_shows_points_and_law():
     ("argv", "says"),
     [
         (["missing.x3p", "--out", "a.csv"], "missing.x3p: not found"),
-        (["words.txt", "--out", "a.csv"], "no topography"),
+        (["words.txt", "--out", "a.csv"], "no topography: no format that SurfaceTopography knows; give"),
+        (["matrix.txt", "--out", "a.csv"], "heights without the size of their area; give"),
+        (["flat.txt", "--out", "a.csv"], "a line, not an area; give"),
         (["words.txt", "--out", "a.csv", "--profile"], "no rows of numbers"),
         (["words.txt", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
         (["flat.npy", "--out", "a.csv", "--pixel", "1e-4"], "flat"),
@@ -244,6 +298,8 @@ def test_the_picture_shows_points_and_law():
 def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("words.txt").write_text("no heights here\n")
+    np.savetxt("matrix.txt", np.eye(32))
+    np.savetxt("flat.txt", np.c_[np.arange(50.0), np.zeros(50)])
     np.save("flat.npy", np.zeros((32, 32)))
     np.save("holes.npy", np.where(np.arange(1024).reshape(32, 32) % 3 == 0, 1e-3, np.nan))
     Path("steps.csv").write_text("x,z\nmm,mm\n0,1\n1,2\n5,1\n")
@@ -257,12 +313,36 @@ def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys, monkeypat
     said = capsys.readouterr().err.strip()
     assert says in said
     assert "\n" not in said
+    assert not any(word in said for word in ("--length", "--width", "--synthetic"))
+    if says.endswith("; give"):
+        assert "--profile" in said
+        assert "--pixel" in said
     assert not Path("a.csv").exists()
 
 
-def test_without_the_library(monkeypatch):
-    import sys
+def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch):
+    from flashtemp import topography
 
+    def read(path):
+        raise OSError("damaged " * 40)
+
+    monkeypatch.setattr(topography.library(), "read_topography", read)
+    monkeypatch.setattr(topography.library(), "open_topography", read)
+    (tmp_path / "a.nc").touch()
+    assert main(["spectrum", str(tmp_path / "a.nc"), "--out", str(tmp_path / "a.csv")]) == 2
+    said = capsys.readouterr().err
+    assert "no topography: damaged damaged" in said
+    assert "damaged ...; give a height map" in said
+
+
+def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
         texture.of_topography(np.eye(32), 1e-4)
+
+
+def test_the_command_without_the_library(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
+    (tmp_path / "a.nc").touch()
+    assert main(["spectrum", str(tmp_path / "a.nc"), "--out", str(tmp_path / "a.csv")]) == 2
+    assert "pip install 'flashtemp[topography]'" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from flashtemp.errors import BadInput
 from flashtemp.terminal import DONE, Json, Switch, emit
 
 LENGTH, WIDTH = 0.05, 0.02  # of a synthetic road, m
+WHY = 120  # characters of what a reader has to say
 
 
 def spots(
@@ -95,7 +96,7 @@ def spectrum(
     file
         Height map of an instrument (any format of SurfaceTopography), or a profile.
     out
-        The spectrum, a .csv file (q in 1/m, C in m^4); the picture stands beside it as .png.
+        The spectrum, a new .csv file (q in 1/m, C in m^4); the picture stands beside it as .png.
     profile
         The file is one line: columns of distance and height with their units in the header.
     highpass
@@ -104,15 +105,16 @@ def spectrum(
         The file holds nothing but heights in m (.npy or text, one row per line) at this distance, m.
     """
     from flashtemp.friction import texture
+    from flashtemp.friction.halfspace import library
     from flashtemp.viz import spectrum as picture
 
-    if out.suffix != ".csv" or not out.absolute().parent.is_dir():
-        raise BadInput(f"--out: {out}; give a .csv file in a folder that exists")
+    _new(out)
     for name, value in {"highpass": highpass, "pixel": pixel}.items():
         if value is not None and not 0.0 < value < float("inf"):
             raise BadInput(f"--{name}: {value:g}; give a number > 0")
     if not file.is_file():
         raise BadInput(f"{file}: not found; give a file of heights")
+    library()
     longest = float("inf") if highpass is None else highpass
     heights, step = _heights(file, profile, pixel)
     heights = texture.without_spikes(heights)
@@ -121,15 +123,24 @@ def spectrum(
     found = texture.Summary.of(points)
     told = found.as_dict() | {"missing": float((heights != heights).mean()), "out": str(out)}
     if line:
-        told["rms_height_of_line"] = texture.profile_height(heights, step, longest)
+        told["rms_height_of_line_m"] = texture.profile_height(heights, step, longest)
     texture.save(points, out)
     told["picture"] = str(out.with_suffix(".png"))
     picture.draw(points, found.law, file.name).savefig(told["picture"])
     text = f"{found}\n  dropouts and spikes: {100 * told['missing']:.2g} % of the heights\n"
     if line:
-        text += f"  rms height of the line itself: {1e3 * told['rms_height_of_line']:.3g} mm\n"
+        text += f"  rms height of the line itself: {1e3 * told['rms_height_of_line_m']:.3g} mm\n"
     emit(told, json, f"{text}  persson_friction.spectrum: {out}\n  picture: {told['picture']}")
     return DONE
+
+
+def _new(out: Path) -> None:
+    """BadInput where a spectrum cannot go, or where it or its picture would overwrite a file."""
+    if out.suffix != ".csv" or not out.absolute().parent.is_dir():
+        raise BadInput(f"--out: {out}; give a .csv file in a folder that exists")
+    for path in (out, out.with_suffix(".png")):
+        if path.exists():
+            raise BadInput(f"--out: {path} exists; choose another name")
 
 
 def _heights(file: Path, profile: bool, pixel: float | None):
@@ -138,7 +149,6 @@ def _heights(file: Path, profile: bool, pixel: float | None):
 
     import numpy as np
 
-    from flashtemp import topography
     from flashtemp.friction import texture
 
     if pixel is not None:
@@ -148,14 +158,32 @@ def _heights(file: Path, profile: bool, pixel: float | None):
                 bare = np.load(file) if file.suffix == ".npy" else np.loadtxt(file, encoding="utf-8-sig")
             bare = np.squeeze(np.asarray(bare, dtype=float))
         except (ValueError, TypeError, OSError, EOFError, UserWarning) as fault:
-            raise BadInput(f"{file}: no table of heights; leave out --pixel for files with a header") from fault
+            raise BadInput(
+                f"{file}: no table of heights in m with blanks between; leave out --pixel for files with a header"
+            ) from fault
         if bare.ndim != (1 if profile else 2):
             raise BadInput(f"{file}: {bare.ndim} dimensions; give rows of heights, or one line with --profile")
         return bare, pixel
     if profile:
         return texture.read_profile(file)
-    road = topography.read(file)
-    if road.dim == 1:
-        raise BadInput(f"{file}: a line, no area; give --profile and columns of distance and height")
+    road = _area(file)
     heights = np.ma.filled(np.ma.asarray(road.heights()).astype(float), np.nan)
     return heights, tuple(s / n for s, n in zip(road.physical_sizes, heights.shape, strict=True))
+
+
+def _area(file: Path):
+    """The topography of a file; what keeps it from being read, with the remedies of `spectrum`.  Raises BadInput."""
+    from textwrap import shorten
+
+    from flashtemp import topography
+
+    try:
+        return topography.read(file)
+    except BadInput as fault:
+        why = str(fault).removeprefix(f"{file}: ").rpartition("; ")[0]
+        if fault.__cause__ is not None:  # every reader says why the file is not of its format
+            said = str(fault.__cause__)
+            known = "no format that SurfaceTopography knows" if said.startswith("tried ") else said
+            why = f"no topography: {shorten(known, WHY, placeholder=' ...')}"
+        remedy = "give a height map of an instrument, --profile for columns of distance and height, or --pixel"
+        raise BadInput(f"{file}: {why}; {remedy} for nothing but heights in m with blanks between") from fault

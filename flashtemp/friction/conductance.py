@@ -21,6 +21,7 @@ def static(rubber: Material, road: Material, modulus: float, pressure: float, de
 
     Barber's relation of conductance and stiffness with p ~ exp(-u/u0): `modulus` E* and local `pressure` in Pa,
     `decay` u0 in m, 0.4 to 0.5 of the rms height.  It is nominal: inside a spot give the pressure and the height there.
+    A reference for checks, used by no run.
     """
     k = rubber.conductivity * road.conductivity / (rubber.conductivity + road.conductivity)
     return 2.0 * k * pressure / (modulus * decay)

@@ -54,6 +54,9 @@ TEMPERATURE = Quantity("temperature", r"temp|temperature?|T", TEMPERATURES, ((AN
 SHIFT = Quantity("log10 a_T", r"(?:log10|log|lg)?(?:at|shift|shiftfactors?)", NUMBERS, ((ANY, ""),), "log_aT")
 COLUMNS = (FREQUENCY, SHEAR_STORAGE, SHEAR_LOSS, STORAGE, LOSS, TAN, TEMPERATURE)
 ORDER = ("frequency", "storage modulus", "loss modulus")
+CURVE = (
+    ", or a table { relaxed = Pa, unrelaxed = Pa, exponent = 1, time = s } or { relaxed = Pa, terms = [[Pa, s], ...] }"
+)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ def read_sweeps(source, folder: Path, key: str, poisson: float = 0.5) -> Sweeps:
     if isinstance(source, (list, tuple)):
         table = of_rows(tables.rows(source, folder, key, 3), key, (FREQUENCY, STORAGE, LOSS))
     else:
-        table = read(source, folder, key, COLUMNS, ORDER)
+        table = read(source, folder, key, COLUMNS, ORDER, CURVE)
     storage, loss = _young(table, key, poisson)
     T = None
     if "temperature" in table:
@@ -197,7 +200,7 @@ def read_shift(source, folder: Path, key: str) -> Shifts:
     decades = np.bincount(back, decades) / np.bincount(back)
     if len(places) < 2 or decades[-1] >= decades[0]:
         wrong = f"{len(places)} temperatures" if len(places) < 2 else "log10 a_T rises with temperature"
-        raise BadInput(f"{table.prefix.rstrip(': ')}: {wrong}; give 2 or more, a_T falling with temperature")
+        raise BadInput(f"{table.name}: {wrong}; give 2 or more, a_T falling with temperature")
     return Shifts(tuple(places.tolist()), tuple(decades.tolist()))
 
 

@@ -57,8 +57,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns (n,) in SI under the names of their quantities, and where each row stands for messages."""
+    """Columns (n,) in SI under the names of their quantities; for messages `name`, and `prefix` to lines of rows."""
 
+    name: str
     prefix: str
     lines: Sequence[int]
     values: dict[str, np.ndarray]
@@ -85,20 +86,24 @@ def of_rows(data: np.ndarray, key: str, quantities: Sequence[Quantity]) -> Table
     """A table from rows (n, k) of a case, in the units of the quantities as they stand there (`default`)."""
     columns = {q.name: Column(i, q.name, q.default[-1][1], True) for i, q in enumerate(quantities)}
     values = {q.name: _si(data[:, i], q, q.default[-1][1]) for i, q in enumerate(quantities)}
-    return Table(f"{key}: row ", range(1, len(data) + 1), values, columns)
+    return Table(key, f"{key}: row ", range(1, len(data) + 1), values, columns)
 
 
-def read(source: str, folder: Path, key: str, quantities: Sequence[Quantity], order: Sequence[str]) -> Table:
+def read(
+    source: str, folder: Path, key: str, quantities: Sequence[Quantity], order: Sequence[str], otherwise: str = ""
+) -> Table:
     """The columns of a file that are found; without any name, `order` tells which stands where.
 
+    `otherwise` is what a case may give instead of a file name or rows, for the message where `source` is neither.
     Raises BadInput naming the key, the file and its line, for files without numbers, unknown units, damaged rows.
     """
     if not isinstance(source, str):
-        raise BadInput(f"{key}: {source!r}; give a file name or a list of rows")
+        raise BadInput(f"{key}: {source!r}; give a file name or a list of rows{otherwise}")
     path = Path(folder) / source
     if not path.is_file():
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
-    prefix = f"{key}: {source}:"
+    name = f"{key}: {source}"
+    prefix = f"{name}:"
     lines = _text(path, prefix).splitlines()
     dialect = _dialect(lines)
     header, data, at, width = _parts(lines, dialect, prefix)
@@ -111,7 +116,7 @@ def read(source: str, folder: Path, key: str, quantities: Sequence[Quantity], or
             raise BadInput(f"{prefix}{line}: {len(row)} values; give {last + 1} or more in every row")
     known = {q.name: q for q in quantities}
     values = {n: _si(np.array([row[c.at] for row in data]), known[n], c.unit) for n, c in columns.items()}
-    return Table(prefix, at, values, columns)
+    return Table(name, prefix, at, values, columns)
 
 
 def bare(raw: str) -> str:

@@ -131,7 +131,10 @@ class Rubber:
 
 
 def prony(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> Prony:
-    """A Prony series for a Cole-Cole curve of exponent 1/2: E_i = (E1 - E0) dln tau/pi/(x^1/2 + x^-1/2)."""
+    """A Prony series for a Cole-Cole curve of exponent 1/2: E_i = (E1 - E0) dln tau/pi/(x^1/2 + x^-1/2).
+
+    A reference for checks of `Prony` against a closed form, used by no run.
+    """
     if curve.exponent != 0.5:
         raise ValueError("the relaxation spectrum is known in closed form for an exponent of 1/2")
     count = round(per_decade * 2 * decades) + 1

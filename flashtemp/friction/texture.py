@@ -26,6 +26,8 @@ SPIKE = 10.0  # standard deviations, robust: beyond what any road has
 MOST_MISSING = 0.5
 SCARCE = 25.0  # variance of the longest waves' ln C over that of the shortest
 HEIGHTS = (1e-9, 0.1)  # m, plausible rms
+STEEP = 10.0  # rms slope that no road has
+LAW = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 ANY = ""  # fits every name
@@ -61,8 +63,8 @@ def read_spectrum(source, folder: Path, key: str) -> Points:
     if isinstance(source, (list, tuple)):
         table = of_rows(tables.rows(source, folder, key, 2), key, (WAVENUMBER, DENSITY))
     else:
-        table = read(source, folder, key, (WAVENUMBER, DENSITY), ("wavenumber", "power spectrum"))
-    where = table.prefix.rstrip(": ")
+        table = read(source, folder, key, (WAVENUMBER, DENSITY), ("wavenumber", "power spectrum"), LAW)
+    where = table.name
     for quantity in (WAVENUMBER, DENSITY):
         if quantity.name not in table:
             raise BadInput(f"{where}: no column of the {quantity.name}; name it {quantity.usual}")
@@ -180,19 +182,39 @@ class Summary:
         road = Spectrum(points, *points.reach)
         return cls(road.height, road.slope(), *points.reach, fit(points))
 
+    @property
+    def remarks(self) -> list[str]:
+        """In words: what no road has, a Hurst exponent outside 0 to 1 or an rms slope above 10."""
+        said = []
+        if not 0.0 <= round(self.law.hurst, 2) <= 1.0:
+            said.append(
+                f"Hurst exponent {self.law.hurst:.2f}: a self-affine road has one from 0 to 1; "
+                "is this noise, or are heights filtered?"
+            )
+        if not self.slope <= STEEP:
+            said.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
+        return said
+
     def as_dict(self) -> dict:
-        """For --json: lengths in m, level in m^4."""
-        names = {"rms_height": self.height, "rms_slope": self.slope, "hurst": self.law.hurst, "level": self.law.level}
-        waves = {"rolloff": self.law.rolloff, "longest": self.q0, "shortest": self.q1}
-        return names | {k: 2 * np.pi / q for k, q in waves.items()}
+        """For --json: lengths and wavelengths in m, level in m^4."""
+        waves = {"rolloff_m": self.law.rolloff, "longest_m": self.q0, "shortest_m": self.q1}
+        return {
+            "rms_height_m": self.height,
+            "rms_slope": self.slope,
+            "hurst": self.law.hurst,
+            "level_m4": self.law.level,
+            **{k: 2 * np.pi / q for k, q in waves.items()},
+            "remarks": self.remarks,
+        }
 
     def __str__(self) -> str:
         rolloff, longest, shortest = (2e3 * np.pi / q for q in (self.law.rolloff, self.q0, self.q1))
-        return (
+        text = (
             f"Power spectrum from {longest:.3g} to {shortest:.3g} mm wavelength: "
             f"rms height {1e3 * self.height:.3g} mm, rms slope {self.slope:.3g}\n"
             f"  self-affine below {rolloff:.3g} mm: Hurst exponent {self.law.hurst:.2f}, C0 {self.law.level:.3g} m^4"
         )
+        return "\n".join([text, *(f"  remark: {remark}" for remark in self.remarks)])
 
 
 def save(points: Points, file: Path) -> None:

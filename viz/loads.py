@@ -25,10 +25,21 @@ def draw(found) -> Figure:
         _curves(ax, found, int(i))
     axes[0].set_ylabel("friction coefficient")
     handles, labels = axes[0].get_legend_handles_labels()
-    upper.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=7.0, handlelength=1.6)
+    upper.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=len(labels),
+        fontsize=6.6,
+        handlelength=1.5,
+        columnspacing=1.2,
+    )
     bars, steps = lower.subplots(1, 2, width_ratios=[1.5, 1.0])
     _bars(bars, found)
     _steps(steps, found)
+    if len(found.acting) < len(found.alone):
+        words = "Dotted and hollow: not in the case, tried with typical values."
+        lower.supxlabel(words, x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
@@ -53,7 +64,7 @@ def _bars(ax, found) -> None:
         ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=fill, edgecolor=COLOURS[name], lw=0.8)
     total = 100 * np.expm1(found.change(found.every))
     ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8)
-    ax.annotate("the case", (0, total[0]), (16, 0), textcoords="offset points", va="center", fontsize=7.0)
+    ax.annotate("the case", (0, total[0]), (-18, 3), textcoords="offset points", ha="left", fontsize=7.0)
     ax.axhline(0.0, color="black", lw=0.6)
     ax.set_xticks(np.arange(len(found.speed)), [f"{v:g} m/s" for v in found.speed])
     low, high = found.pressure[[0, -1]] / 1e6

@@ -7,6 +7,7 @@ in contact falls without end as finer ones are resolved, so that a map means not
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,7 +91,7 @@ def read(file: Path, size: tuple[float, float] | None = None):
 
 
 def _unread(file, fault) -> str:
-    why = " ".join(str(fault).split())[:120]
+    why = textwrap.shorten(str(fault), 120, placeholder=" ...")
     remedy = "give a height map of an instrument, a text matrix of heights in m, or --synthetic"
     return f"{file}: no topography: {why}; {remedy}"
 

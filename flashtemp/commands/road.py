@@ -58,6 +58,8 @@ def spots(
         raise BadInput("spots: give one FILE of heights, or --synthetic")
     if out.suffix != ".npz" or not out.absolute().parent.is_dir():
         raise BadInput(f"--out: {out}; give a .npz file in a folder that exists")
+    if out.exists():
+        raise BadInput(f"--out: {out} exists; choose another name")
     if synthetic:
         length, width = LENGTH if length is None else length, WIDTH if width is None else width
     elif (length is None) != (width is None):

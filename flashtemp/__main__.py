@@ -16,6 +16,7 @@ app = App(
     name="flashtemp",
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
     version=__version__,
+    suppress_keyboard_interrupt=False,  # told below
 )
 COMMANDS = (
     simulate.run, simulate.sweep, simulate.view, simulate.check, simulate.converge, simulate.effects,

@@ -94,10 +94,10 @@ TABLES: dict[str, dict[str, Param]] = {
 }  # fmt: skip
 AMOUNT, AMOUNTS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
 BRISTLES = {
-    "speed": Param(27.0, "m/s", "rolling speed", low=0.0, open_low=True, high=200.0, kinds=AMOUNT),
+    "speed": Param(27.0, "m/s", "rolling speed", low=0.1, high=200.0, kinds=AMOUNT),
     "stiffness": Param(
         1.5e8, "Pa/m", "shear stress of the tread per sideways shift, G/height",
-        low=0.0, open_low=True, high=1e13, kinds=AMOUNT,
+        low=1e3, high=1e13, kinds=AMOUNT,
     ),
     "mass": Param(
         0.1, "kg/m2", "mass per area that a bristle moves; much more rings and is seen in the friction",

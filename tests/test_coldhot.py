@@ -7,7 +7,7 @@ import doctest
 import numpy as np
 import pytest
 
-from flashtemp.friction import coldhot, tread, tyre
+from flashtemp.friction import coldhot, peak, tread, tyre
 from flashtemp.friction.hot import Slide, Spots
 from flashtemp.friction.persson import Theory
 from flashtemp.friction.rheology import READY as RUBBERS
@@ -20,7 +20,7 @@ FITTED = {20.0: [0.151, 0.125, 0.106], 80.0: [0.182, 0.156, 0.138]}  # at 0.1, 1
 DEVIATES = {20.0: [0.039, 0.097, 0.16], 80.0: [0.005, 0.029, 0.057]}
 
 
-@pytest.mark.parametrize("module", [coldhot, tread, tyre], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("module", [coldhot, peak, tread, tyre], ids=lambda m: m.__name__)
 def test_examples(module):
     tried = doctest.testmod(module)
     assert tried.attempted > 0
@@ -59,6 +59,29 @@ def test_law_between_its_branches():
         np.testing.assert_array_equal(law.alike(which)(v, 2e-4), alone)
     assert law(0.0, 0.0) == law(coldhot.SLOWEST, 0.0)
     assert law(99.0, 0.0) == law(3.0, 0.0)
+
+
+def test_law_of_rubber_that_hardly_moves():
+    """A decade of speeds at least, however slow the fastest."""
+    for fastest in (1e-12, coldhot.SLOWEST, 9e-5):
+        speed = coldhot.law(THEORY, RUBBER, SPOTS, 293.15, P, fastest).hot.speed
+        np.testing.assert_allclose(speed[[0, -1]], [1e-5, 1e-4])
+        assert len(speed) == coldhot.PER_DECADE + 1
+
+
+@pytest.mark.parametrize(
+    ("values", "first", "last"),
+    [
+        ([1.0, 2.0, 3.0], False, True),
+        ([3.0, 2.0, 1.0], True, False),
+        ([1.0, 3.0, 2.0], False, False),
+        ([1.0], True, True),
+    ],
+)
+def test_highest_points_know_the_end_they_lie_at(values, first, last):
+    found = peak.highest(np.arange(1.0, len(values) + 1), values)
+    assert (found.first, found.last, found.edge) == (first, last, first or last)
+    assert found.value >= max(values)
 
 
 def test_nothing_heats_what_sticks():

@@ -17,6 +17,7 @@ from matplotlib.colors import to_hex
 from flashtemp.__main__ import main
 from flashtemp.case import load
 from flashtemp.friction import curves, hot, persson, rheology, roughness
+from flashtemp.friction.peak import highest
 from flashtemp.friction.shear import Shear
 from flashtemp.material import LIBRARY
 from flashtemp.viz import mu as picture
@@ -89,10 +90,10 @@ def test_depth_of_the_heat(asphalt):
 
 def test_peak_of_a_parabola_in_the_logarithm():
     v = np.geomspace(1e-3, 1e1, 41)
-    top = curves.peak(v, 0.8 - 0.05 * np.log(v / 0.0312) ** 2)
-    assert (top.speed, top.mu) == pytest.approx((0.0312, 0.8))
-    assert curves.peak(v, v) is None
-    assert curves.peak(v, -v) is None
+    top = highest(v, 0.8 - 0.05 * np.log(v / 0.0312) ** 2)
+    assert (top.at, top.value, top.edge) == pytest.approx((0.0312, 0.8, False))
+    assert highest(v, v).last
+    assert highest(v, -v).first
 
 
 @pytest.mark.parametrize(
@@ -113,14 +114,16 @@ def test_constant_force_holds_the_rising_branch_only(mu, holds):
 def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
     """C9: below the maximum; all of it where the maximum does not lie inside."""
     for branch in concrete.branches.values():
-        top = curves.peak(concrete.speed, branch.mu)
+        top = highest(concrete.speed, branch.mu)
         on = curves.held(branch.mu)
-        assert 0.02 < top.speed < 0.5
-        assert np.all(on[concrete.speed < 0.9 * top.speed])
-        assert not np.any(on[concrete.speed > 1.2 * top.speed])
-    assert curves.peak(asphalt.speed, asphalt.cold.mu) is None
+        assert 0.02 < top.at < 0.5
+        assert np.all(on[concrete.speed < 0.9 * top.at])
+        assert not np.any(on[concrete.speed > 1.2 * top.at])
+    assert highest(asphalt.speed, asphalt.cold.mu).last
     assert curves.held(asphalt.cold.mu).all()
-    assert curves.peak(asphalt.speed, asphalt.hot.mu) is not None
+    assert not highest(asphalt.speed, asphalt.hot.mu).edge
+    assert asphalt.as_dict()["maximum"].keys() == {"cold", "hot"}
+    assert asphalt.as_dict()["maximum"]["hot"].keys() == {"speed", "mu"}
     text = str(concrete)
     assert "cold: highest 0.6695 at 0.0976 m/s" in text
     assert "cold: rises throughout" in str(asphalt)
@@ -235,7 +238,7 @@ def test_json_is_all_that_is_printed(tmp_path, capsys, monkeypatch):
         (["--slowest", "0"], "<= slowest"),
         (["--fastest", "inf"], "fastest <="),
         (["--fastest", "nan"], "fastest <="),
-        (["contact.spot_diameter=0.03"], "longest wave of the road is 0.0251 m"),
+        (["contact.spot_diameter=0.03"], "not below the road's longest wave, 0.0251 m"),
         (["persson_friction.rubber=B"], "persson_friction.rubber"),
     ],
 )
@@ -328,10 +331,10 @@ def test_picture_tells_what_no_tester_holds(concrete, asphalt):
         lines = [i for i in ax.lines if to_hex(i.get_color()) == to_hex(picture.COLD) and i.get_linewidth() > 1.0]
         return next(i.get_ydata() for i in lines if (i.get_linestyle() == "-") == (style == "full"))
 
-    top = curves.peak(concrete.speed, concrete.cold.mu)
+    top = highest(concrete.speed, concrete.cold.mu)
     full, dashed = drawn(concrete, "full"), drawn(concrete, "dashed")
-    assert concrete.speed[np.isfinite(full)].max() <= 1.2 * top.speed
-    assert concrete.speed[np.isfinite(dashed)].min() >= 0.8 * top.speed
+    assert concrete.speed[np.isfinite(full)].max() <= 1.2 * top.at
+    assert concrete.speed[np.isfinite(dashed)].min() >= 0.8 * top.at
     assert np.all(np.isfinite(full) | np.isfinite(dashed))
     assert np.all(np.isfinite(drawn(asphalt, "full")))
     assert not np.any(np.isfinite(drawn(asphalt, "dashed")))

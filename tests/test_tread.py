@@ -15,6 +15,7 @@ from flashtemp.case import load
 from flashtemp.errors import BadInput
 from flashtemp.friction import coldhot, tread
 from flashtemp.friction.hot import Branch, Spots
+from flashtemp.friction.peak import highest
 from flashtemp.friction.persson import Theory
 from flashtemp.friction.rheology import READY as RUBBERS
 from flashtemp.friction.roughness import READY as ROADS
@@ -71,6 +72,44 @@ def test_friction_that_falls_with_speed_chatters():
         assert tread.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
 
 
+def test_steps_are_doubled_until_the_friction_stays():
+    """Stick-slip needs more of them, up to a most; where friction rises with speed the first are enough."""
+    speeds, slips, steps = np.array([1e-5, 1e-3, 10.0]), [0.05, 0.09], {}
+    for mu, most in (((0.2, 0.3, 0.6), 3200), ((0.2, 0.45, 0.35), 3200), ((0.2, 0.45, 0.35), 200)):
+        branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
+        law = coldhot.Law(branch, branch, 2e-3)
+        path, moved = tread.settled(BLOCK, law, slips, 200, most)
+        n = steps[mu, most] = len(path.time) - 1
+        friction, finer = (tread.mean_traction(tread.through(BLOCK, law, slips, k)) for k in (n, 2 * n))
+        np.testing.assert_allclose(tread.mean_traction(path), friction)
+        assert moved == pytest.approx(np.abs(finer / friction - 1).max())
+        assert (moved > tread.SETTLED) == (most == 200)
+    print(steps)
+    assert steps.popitem()[1] == 200
+    rising, falling = steps.values()
+    assert rising == 200 < falling < 3200
+
+
+def test_one_small_change_does_not_settle_stick_slip():
+    """A bristle so light that 200 steps miss its ringing: 400 change friction by less than 2 %, 800 by more."""
+    light, slips = replace(BLOCK, mass=1e-3), [0.05, 0.09]
+    branch = Branch(np.array([1e-5, 1e-3, 10.0]), np.array([0.2, 0.45, 0.35]), np.zeros(3), np.zeros(3))
+    law = coldhot.Law(branch, branch, 2e-3)
+    few, more, most = (tread.mean_traction(tread.through(light, law, slips, n)) for n in (200, 400, 800))
+    assert np.abs(more / few - 1).max() < tread.SETTLED < np.abs(most / more - 1).max()
+    path, moved = tread.settled(light, law, slips, 200, 800)
+    assert len(path.time) - 1 == 800
+    assert moved > tread.SETTLED
+
+
+def test_branches_that_meet_have_no_way_between_them(law):
+    """Below 1 % of the cold branch the share would be a number without meaning."""
+    for hot, known in ((0.985, True), (0.995, False), (1.005, False), (1.015, True)):
+        near = replace(law, hot=law.cold._replace(viscous=hot * law.cold.mu, adhesive=0.0 * law.cold.mu))
+        found = tread.roll(BLOCK, near, THEORY, RUBBER, SPOTS, T0, [0.01])
+        assert np.isfinite(found.to_hot[0]) == known
+
+
 @pytest.mark.parametrize("slip", [0.01, 0.05])
 def test_path_agrees_with_another_solver(law, slip):
     """scipy's Radau on the same equations, the jump at rest smoothed over 1e-4 m/s."""
@@ -123,7 +162,7 @@ def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     for diameter, footprint in ((0.005, 0.1), (0.02, 0.1), (0.01, 0.2)):
         found = coldhot.law(THEORY, RUBBER, Spots(diameter), T0, P, 27.0)
         path = tread.through(replace(BLOCK, footprint=footprint, mass=0.1), found, tread.SWEPT, 300)
-        best = tread.peak(tread.SWEPT, tread.mean_traction(path))
+        best = highest(tread.SWEPT, tread.mean_traction(path))
         assert not best.edge
         ratios[diameter, footprint] = best.at * footprint / diameter
     print(ratios)
@@ -144,10 +183,99 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
     assert "heat carried" in told["not_modelled"]
     assert any("contact.spot_fraction" in r for r in told["remarks"])
     again = tmp_path / "again"
-    assert main(["tread", str(out), "tread.mass=5", "--out", str(again)]) == 0
+    assert main(["tread", str(out), "--out", str(again)]) == 0
     said = capsys.readouterr().out
-    assert "ring" in said
-    assert "0.05" in said
+    assert "  0.05  " in said
+    assert "sticks" not in said
+    assert "steps" not in said
+
+
+CHATTERS = ["persson_friction.shear_stress=4e6", "ambient.temperature=5", "tread.slip=[0.01, 0.03]"]
+
+
+def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, capsys, monkeypatch):
+    """Shear stress falls with speed at 5 degC; at 1 % slip the block hardly slides."""
+    monkeypatch.setattr(tread, "MOST", 400)  # 800 are taken without
+    out = tmp_path / "found"
+    assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
+    said, told = capsys.readouterr().out, json.loads((out / "tread.json").read_text())
+    assert "remark: at slip 0.03 the block sticks and slips" in said
+    assert "of those tried for the maximum" in said
+    assert "steps through the footprint are few" not in said
+    assert [row["chatter"] for row in told["slips"]] == [False, True]
+    assert any(told["curve"]["chatter"])
+    assert told["moved_by_twice_the_steps"] < 0.02
+    assert told["steps"] == 400
+    table = np.genfromtxt(out / "tread.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    for theory in ("law", "kernel"):
+        assert np.sum((table["theory"] == theory) & (table["slip"] == 0.03)) == 401
+    row = told["slips"][1]
+    assert row["friction"] == pytest.approx(row["friction_law"], rel=0.08)
+
+
+def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(tread, "MOST", 200)
+    out = tmp_path / "found"
+    assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
+    moved = json.loads((out / "tread.json").read_text())["moved_by_twice_the_steps"]
+    assert moved > 0.02
+    wanted = (
+        f"200 steps through the footprint are few: twice as many change the friction (law) by up to {100 * moved:.1f}"
+    )
+    assert wanted in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("given", [["tread.slip=[1e-9]"], ["tread.stiffness=1e3", "tread.mass=1e-9"]])
+def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
+    """Nothing slides, so nothing is on its way from cold to hot: - in the table, null in the file."""
+    out = tmp_path / "found"
+    assert main(["tread", str(CASE), *given, "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    told = json.loads((out / "tread.json").read_text())
+    assert {(row["slid_m"], row["from_cold_to_hot"]) for row in told["slips"]} == {(0.0, None)}
+    assert "nan" not in printed.out
+    assert printed.out.splitlines()[2].split()[-5] == "-"
+    assert printed.err == ""
+    assert (out / "tread.png").exists()
+    assert ("the largest that was tried" in printed.out) == (len(given) == 2) == told["maximum"]["at_last"]
+
+
+@pytest.mark.parametrize("command", ["tread", "tyre"])
+def test_a_folder_that_exists_is_refused_before_anything_is_computed(tmp_path, capsys, monkeypatch, command):
+    monkeypatch.setattr(coldhot, "law", lambda *a: pytest.fail("computed"))
+    (tmp_path / "mine").write_text("kept")
+    assert main([command, str(CASE), "--out", str(tmp_path)]) == 2
+    assert "exists; choose another folder" in capsys.readouterr().err
+    assert [f.name for f in tmp_path.iterdir()] == ["mine"]
+
+
+def stop(*args):
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_is_told_and_leaves_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(coldhot, "law", stop)
+    assert main(["tread", str(CASE), "--out", str(tmp_path / "found")]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["tread", "tyre"])
+def test_slow_speeds_beyond_the_master_curve_are_refused_too(tmp_path, capsys, command):
+    """The branches start at 1e-5 m/s; the curve holds what is felt at the fastest speeds only."""
+    omega = np.geomspace(1.0, 1e14, 90)
+    E = THEORY.rubber.modulus(omega)
+    rows = ["omega (rad/s),E' (Pa),E'' (Pa)", *(f"{w},{e.real},{e.imag}" for w, e in zip(omega, E, strict=True))]
+    (tmp_path / "E.csv").write_text("\n".join(rows))
+    (tmp_path / "case.toml").write_text(
+        'effects = ["persson_friction"]\n[schedule]\nspeed = 1.0\n'
+        '[persson_friction]\nmaster_curve = "E.csv"\nextrapolate = false\n'
+    )
+    assert main([command, str(tmp_path), "--out", str(tmp_path / "found")]) == 2
+    told = capsys.readouterr().err
+    assert "persson_friction.extrapolate: false, but" in told
+    assert "below 1 rad/s, beyond the master curve; measure further, or allow it" in told
+    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -158,6 +286,9 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
         ("tread.slip=[0.05,0.05]", "give every number once"),
         ("tread.slips=[0.05]", "did you mean 'slip'"),
         ("tread.mass=0", "give a number > 0"),
+        ("tread.mass=1000", "tread.mass: 1000 kg/m2: mass and spring ring with a period of 4.4 of the contact time"),
+        ("tread.stiffness=1", "give a number >= 1000"),
+        ("tread.speed=1e-6", "give a number >= 0.1"),
         ("effects=[]", 'add "persson_friction"'),
         ("contact.pressure=[[0,1e5],[1,2e5]]", "needs one number (Pa)"),
     ],
@@ -175,7 +306,7 @@ def test_spots_beyond_the_road_need_a_fraction(tmp_path, capsys):
     case = tmp_path / "case.toml"
     case.write_text('effects = ["persson_friction"]\n[contact]\nspot_diameter = 0.04\n')
     assert main(["tread", str(case), "--out", str(tmp_path / "found")]) == 2
-    assert "contact.spot_diameter: 0.04 m; the longest wave of the road is 0.0251 m" in capsys.readouterr().err
+    assert "contact.spot_diameter: 0.04 m is not below the road's longest wave, 0.0251 m" in capsys.readouterr().err
 
 
 def test_only_cases_that_name_them_have_these_tables():

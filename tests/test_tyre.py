@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from flashtemp.friction.rheology import READY as RUBBERS
 from flashtemp.friction.roughness import READY as ROADS
 from flashtemp.keys import APART
 from flashtemp.material import LIBRARY
+from flashtemp.viz import tyre as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "tyre"
 THEORY, RUBBER, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 3e5
@@ -138,7 +140,7 @@ def test_controls_do_not_fall(corner):
     """C28 (c): cold .651 -> .665 rises, in the reference."""
     for T in (20.0, 80.0):
         found = corner(T, 0.01)
-        assert found.sound
+        assert all(map(found.sound, tyre.MODELS))
         for control in tyre.CONTROLS:
             assert found.fall("rigid", control) == pytest.approx(0.0, abs=1e-12)
             assert found.fall("brush", control) < 0
@@ -156,7 +158,8 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     heavy = tyre.corner(TYRE, law, LOADS, ANGLES, 1.5e8, 5.0, 293.15)
     print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.LAWS})
     assert heavy.ringing > tread.RINGING
-    assert not heavy.sound
+    assert heavy.sound("rigid")
+    assert not heavy.sound("brush")
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
     assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
@@ -181,10 +184,75 @@ def test_command_and_case(tmp_path, capsys):
     warm = tmp_path / "warm"
     assert main(["tyre", str(out), "ambient.temperature=20", "--out", str(warm)]) == 0
     said = capsys.readouterr().out
-    assert "no control falls with load" in said
+    for model in tyre.MODELS:
+        assert f"  {model}: no control falls with load" in said
     assert "not modelled: the carcass" in said
     told = json.loads((warm / "tyre.json").read_text())
     assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.MODELS)
+
+
+def test_a_fall_is_explained_where_there_is_one(tmp_path, capsys):
+    """Soft bristles hardly slide: their side force rises with load, that of rigid ones falls."""
+    soft = ["tyre.stiffness=1e5", "tyre.mass=1e-6", "tyre.angles=[5, 10, 15]"]
+    assert main(["tyre", str(CASE), *soft, "--out", str(tmp_path / "soft")]) == 0
+    said = capsys.readouterr().out
+    assert "  rigid: no control falls with load" in said
+    assert "brush: no control" not in said
+
+
+def test_one_load_and_falling_side_force(tmp_path, capsys):
+    """With one load nothing can fall; at 20 degC the maximum lies below 2 degrees, that of the controls above 8."""
+    out = tmp_path / "found"
+    given = ["tyre.loads=[5000]", "ambient.temperature=20", "tyre.angles=[2, 4, 8]"]
+    assert main(["tyre", str(CASE), *given, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "no control falls" not in said
+    assert "< already falling at the first of tyre.angles" in said
+    assert "+ still rising at the last of tyre.angles" in said
+    [law, cold, hot] = [line for line in said.splitlines() if line.startswith("    rigid")]
+    assert "at 2 deg<" in law
+    assert "at 8 deg+" in cold
+    assert "at 8 deg+" in hot
+    told = json.loads((out / "tyre.json").read_text())["maxima"]
+    assert [m["at_first"] for m in told if m["model"] == "rigid"] == [True, False, False]
+    assert [m["at_last"] for m in told if m["model"] == "rigid"] == [False, True, True]
+
+
+def test_a_control_that_falls_is_told(tmp_path, capsys):
+    """At -100 degC there is hardly friction left, and inertia is seen; all of the brush's curve is in the picture."""
+    given = ["ambient.temperature=-100", "tyre.angles=[1, 5, 15]"]
+    assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
+    printed = capsys.readouterr()
+    assert "remark: brush: a control without flash temperature falls" in printed.out
+    assert "rigid: " not in printed.out
+    assert printed.err == ""
+
+
+def test_one_slip_angle_is_drawn(tmp_path, capsys):
+    out = tmp_path / "found"
+    assert main(["tyre", str(CASE), "tyre.angles=[1]", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "* at the only one of tyre.angles" in said
+    assert "still rising" not in said
+    assert (out / "tyre.png").exists()
+
+
+def test_picture_holds_both_models(corner):
+    """The brush may reach higher than rigid bristles do, and the axes are shared."""
+    found = corner(20.0, 0.01)
+    higher = {key: (3.0 if key[0] == "brush" else 1.0) * values for key, values in found.curves.items()}
+    top = max(values.max() for values in higher.values())
+    for ax in picture.draw(replace(found, curves=higher), "x").axes[:2]:
+        assert top < ax.get_ylim()[1] < 1.2 * top
+        assert ax.get_ylim()[0] == 0.0
+
+
+@pytest.mark.parametrize("given", ["tyre.speed=1e-6", "tyre.stiffness=1"])
+def test_bounds_of_speed_and_stiffness(tmp_path, capsys, given):
+    assert main(["tyre", str(CASE), given, "--out", str(tmp_path / "found")]) == 2
+    told = capsys.readouterr().err
+    assert f"{given.split('=')[0]} (command line): " in told
+    assert "give a number >= " in told
 
 
 def test_the_usual_contact_fraction_decides(corner):

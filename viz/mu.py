@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from flashtemp.friction.curves import KELVIN, held, peak
+from flashtemp.friction.curves import KELVIN, held
+from flashtemp.friction.peak import highest
 from flashtemp.viz import theme
 
 COLD, HOT = theme.PLACES["leading edge"], theme.SPOT
@@ -40,8 +41,8 @@ def _conditions(found) -> str:
         f"{_degrees(found)}, {theme.number(found.p / 1e6, 3)} MPa, contact regions of "
         f"{theme.number(1e3 * found.spots.diameter, 3)} mm.  Map, contact and depths without flash temperature."
     )
-    tops = {BRANCHES[name][1]: peak(b.speed, b.mu) for name, b in found.branches.items()}
-    said = [f"{w} {theme.number(t.mu, 3)} at {theme.number(t.speed, 2)} m/s" for w, t in tops.items() if t is not None]
+    tops = {BRANCHES[name][1]: highest(b.speed, b.mu) for name, b in found.branches.items()}
+    said = [f"{w} {theme.number(t.value, 3)} at {theme.number(t.at, 2)} m/s" for w, t in tops.items() if not t.edge]
     return conditions + (f"\nHighest friction: {', '.join(said)}." if said else "")
 
 
@@ -61,8 +62,8 @@ def _branches(ax, found) -> None:
         ax.plot(b.speed, b.viscous, color=colour, lw=0.9, alpha=0.75, zorder=2)
         ax.plot(b.speed, _part(b.mu, True), color=colour, lw=WIDTH[name], zorder=3, solid_capstyle="round")
         ax.plot(b.speed, _part(b.mu, False), color=colour, lw=1.2, ls=FALLS, zorder=3)
-        if (top := peak(b.speed, b.mu)) is not None:
-            ax.plot(*top, "o", color=colour, mec="white", mew=0.7, ms=5.5, zorder=4)
+        if not (top := highest(b.speed, b.mu)).edge:
+            ax.plot(top.at, top.value, "o", color=colour, mec="white", mew=0.7, ms=5.5, zorder=4)
     _speeds(ax, found)
     ax.set(ylabel=MU, title="friction against speed")
     ax.set_ylim(0.0, 1.36 * max(found.cold.mu.max(), found.hot.mu.max()))

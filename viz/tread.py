@@ -34,7 +34,7 @@ def _moving(path, j):
 
 def _speeds(ax, found, colours) -> None:
     """Trajectories between the two stationary curves."""
-    fastest = 1.35 * max(float(p.speed.max()) for p, _ in found.kernel)
+    fastest = max(10.0 * SLOW, 1.35 * max(float(p.speed.max()) for p, _ in found.kernel))
     v = np.geomspace(SLOW, fastest, 300)
     cold, hot = found.law.ends(v)
     ax.fill_between(v, hot, cold, color=theme.WAITING, alpha=0.45, lw=0)

@@ -28,7 +28,7 @@ def draw(found, title: str) -> Figure:
         _maxima(axes[1, column], found, model, colours)
     axes[0, 0].set_ylabel("side force / load (–)")
     axes[1, 0].set_ylabel("change of its maximum (%)")
-    axes[0, 0].set_ylim(top=1.1 * axes[0, 0].get_ylim()[1])
+    axes[0, 0].set_ylim(0.0, 1.1 * max(values.max() for values in found.curves.values()))
     for ax, handles in zip(axes[0], _key(found, colours), strict=True):
         ax.legend(handles=handles, loc="upper left")
     fig.supxlabel(_conditions(found), x=0.01, ha="left", fontsize=7.0)
@@ -51,17 +51,21 @@ def _key(found, colours) -> tuple[list, list]:
         Line2D([], [], color=c, lw=1.8, label=f"{theme.number(load / 1e3)} kN")
         for c, load in zip(colours, found.loads, strict=True)
     ]
-    edges = {p.edge for model in WORDS for p in found.peaks[model, "law"]}
-    marks = [
-        Line2D([], [], ls="", **_mark(edge), label="highest, still rising" if edge else "maximum")
-        for edge in sorted(edges)
-    ]
+    ends = {_end(p) for model in WORDS for p in found.peaks[model, "law"]}
+    marks = [Line2D([], [], ls="", **_mark(end != "maximum"), label=end) for end in sorted(ends, reverse=True)]
     controls = [Line2D([], [], color=GREY[c], ls=DASH[c], lw=1.2, label=f"control: both branches {c}") for c in GREY]
     return [*loads, *marks], controls
 
 
+def _end(peak) -> str:
+    """What a highest point is, in words."""
+    if peak.first and peak.last:
+        return "the only angle"
+    return "highest, already falling" if peak.first else "highest, still rising" if peak.last else "maximum"
+
+
 def _mark(edge: bool) -> dict:
-    """A maximum, or where the curve still rises at its end."""
+    """A maximum, or the highest point at an end of a curve."""
     face = "white" if edge else theme.SPOT
     return {"marker": "v", "ms": 5.5, "mfc": face, "mec": theme.SPOT if edge else "white", "mew": 1.0 if edge else 0.5}
 
@@ -74,11 +78,11 @@ def _angles(ax, found, model: str, colours) -> None:
         ax.plot(found.angles, values, color=colour, lw=1.8, zorder=3)
         ax.plot(best.at, best.value, ls="", zorder=4, clip_on=False, **_mark(best.edge))
     ax.set_xscale("log")
-    ticks = [t for t in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if found.angles[0] <= t <= found.angles[-1]]
+    first, last = found.angles[[0, -1]] if len(found.angles) > 1 else found.angles[0] * np.array([0.5, 2.0])
+    ticks = [t for t in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if first <= t <= last]
     ax.set_xticks(ticks, [theme.number(t) for t in ticks])
     ax.minorticks_off()
-    ax.set(xlabel="slip angle (deg)", xlim=(found.angles[0], found.angles[-1]), title=WORDS[model])
-    ax.set_ylim(bottom=0.0)
+    ax.set(xlabel="slip angle (deg)", xlim=(first, last), title=WORDS[model])
 
 
 def _maxima(ax, found, model: str, colours) -> None:

@@ -67,12 +67,6 @@ def _curves(asked, slowest: float, fastest: float):
 
     scene, acting = theory_of(asked)
     theory, spots = acting.p.theory, Spots(scene.spot_diameter)
-    longest = 2 * np.pi / theory.road.q0
-    if not spots.diameter < longest:
-        raise BadInput(
-            f"contact.spot_diameter: {spots.diameter:g} m; the longest wave of the road is {longest:.3g} m, "
-            "give a smaller diameter or a lower persson_friction.lowest"
-        )
     speeds = np.geomspace(slowest, fastest, COUNT)
     found = curves.curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
     if not all(np.all((mu >= 0) & np.isfinite(mu)) for mu in (found.mu, found.cold.viscous, found.hot.viscous)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
 
 from flashtemp.errors import BadInput
@@ -13,7 +14,10 @@ NOT_MODELLED = {
     "tyre": "the carcass, which bends (rigid here), camber and drive, a pressure that varies in the footprint, "
     "heat carried from one revolution to the next, heat that flows into the road",
 }
-USUAL = 0.3  # contact fraction up to which contact regions are spots
+MARKS = {
+    "+": "still rising at the last of tyre.angles", "<": "already falling at the first of tyre.angles",
+    "*": "at the only one of tyre.angles",
+}  # fmt: skip
 
 
 def tread(case: str, /, *overrides: str, out: Path | None = None, json: Json = False) -> int:
@@ -34,13 +38,12 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, json: Json = F
     asked = _Asked(case, overrides, "tread")
     v = asked.values
     block = treads.Tread(v["speed"], v["footprint"], v["stiffness"], v["mass"], asked.pressure)
+    _still("tread", v["mass"], block.ringing)
     remarks = asked.remarks(v["speed"] * max(v["slip"]))
-    law = asked.law(v["speed"] * max(*v["slip"], treads.SWEPT[-1]))
-    with counter(asked.case.name) as watch:
+    with asked.folder(out) as (work, folder), counter(asked.case.name) as watch:
+        law = asked.law(v["speed"] * max(*v["slip"], treads.SWEPT[-1]))
         found = treads.roll(block, law, asked.theory, asked.rubber, asked.spots, asked.T0, sorted(v["slip"]), watch)
-    if block.ringing > treads.RINGING:
-        remarks.append(_rings("tread", block.ringing))
-    with asked.folder(out) as (work, folder):
+        remarks += _sticking(found)
         told = asked.save(work, folder, found, remarks)
         picture.draw(found, asked.case.title).savefig(work / "tread.png")
     emit(told, json, _tread_text(found, remarks, folder))
@@ -59,25 +62,19 @@ def tyre(case: str, /, *overrides: str, out: Path | None = None, json: Json = Fa
     out
         Result folder; results/CASE-tyre when not given.
     """
-    from flashtemp.friction import tread as treads
     from flashtemp.friction import tyre as tyres
     from flashtemp.viz import tyre as picture
 
     asked = _Asked(case, overrides, "tyre")
     v = asked.values
     wheel = tyres.Tyre(v["speed"], v["width"], asked.pressure)
-    shortest = tyres.bristle(wheel, min(v["loads"]), v["stiffness"], v["mass"])
-    if shortest.ringing > treads.RINGING:
-        raise BadInput(f"tyre.mass: {v['mass']:g} kg/m2: {_rings('tyre', shortest.ringing)}")
+    _still("tyre", v["mass"], tyres.bristle(wheel, min(v["loads"]), v["stiffness"], v["mass"]).ringing)
     fastest = float(wheel.pull(max(v["angles"])))
-    remarks, law = asked.remarks(fastest), asked.law(fastest)
-    with counter(asked.case.name) as watch:
+    remarks = asked.remarks(fastest)
+    with asked.folder(out) as (work, folder), counter(asked.case.name) as watch:
+        law = asked.law(fastest)
         found = tyres.corner(wheel, law, v["loads"], v["angles"], v["stiffness"], v["mass"], asked.T0, watch)
-    if found.chatter:
-        remarks.append("bristles stick and slip where friction falls with speed; the maxima depend on tyre.mass there")
-    if not found.sound:
-        remarks.append("a control without flash temperature falls with load as well: the fall is not its work alone")
-    with asked.folder(out) as (work, folder):
+        remarks += _doubts(found)
         told = asked.save(work, folder, found, remarks)
         picture.draw(found, asked.case.title).savefig(work / "tyre.png")
     emit(told, json, _tyre_text(found, remarks, folder))
@@ -104,12 +101,6 @@ class _Asked:
         if not isinstance(self.pressure, (int, float)):
             raise BadInput(f"contact.pressure: {self.pressure!r}; a rolling {table} needs one number (Pa)")
         self.spots = Spots(scene.spot_diameter, self.values["fraction"])
-        longest = 6.283185307179586 / self.theory.road.q0
-        if self.spots.fraction is None and not scene.spot_diameter < longest:
-            raise BadInput(
-                f"contact.spot_diameter: {scene.spot_diameter:g} m; the longest wave of the road is {longest:.3g} m, "
-                f"so the theory has no contact fraction for such spots: give {table}.fraction"
-            )
 
     def law(self, fastest: float):
         """The cold-hot law up to twice the speed (m/s) that pulls hardest; faster rubber has the friction there."""
@@ -121,6 +112,8 @@ class _Asked:
     def remarks(self, fastest: float) -> list[str]:
         """What a user should know before believing the result; BadInput where the case allows no extrapolation."""
         from flashtemp.friction import inputs
+        from flashtemp.friction.coldhot import SLOWEST
+        from flashtemp.friction.curves import USUAL
 
         said = []
         phi = self.spots.covered(self.theory, min(1.0, fastest), self.T0, self.pressure)
@@ -135,7 +128,7 @@ class _Asked:
             )
         if self.case["friction.mu"] != 1.0 or self.acting.p.weight != 1.0:
             said.append("friction is the theory's alone: friction.mu and the weight of the effect are not used here")
-        beyond = inputs.beyond(self.theory, (fastest,), self.T0, self.pressure)
+        beyond = inputs.beyond(self.theory, (SLOWEST, fastest), self.T0, self.pressure)
         if beyond and not self.acting.p.extrapolate:
             raise BadInput(f"{self.acting.name}.extrapolate: false, but {beyond[0]}; measure further, or allow it")
         return said + beyond
@@ -163,11 +156,51 @@ class _Asked:
         return told
 
 
-def _rings(table: str, ringing: float) -> str:
-    return (
-        f"mass and spring ring with a period of {ringing:.2g} of the contact time, which looks like friction; "
-        f"give a smaller {table}.mass or a larger {table}.stiffness"
-    )
+def _still(table: str, mass: float, ringing: float) -> None:
+    """Refuses a mass (kg/m2) that rings for long in the footprint.  Raises BadInput."""
+    from flashtemp.friction.tread import RINGING
+
+    if ringing > RINGING:
+        raise BadInput(
+            f"{table}.mass: {mass:g} kg/m2: mass and spring ring with a period of {ringing:.2g} of the contact time, "
+            f"which looks like friction; give a smaller {table}.mass or a larger {table}.stiffness"
+        )
+
+
+def _sticking(found) -> list[str]:
+    """Where a tread block sticks and slips, and whether its friction depends on the steps."""
+    from flashtemp.friction.tread import SETTLED, SWEPT
+
+    said, slips = [], [f"{s:g}" for s in found.slips[found.chatter]]
+    if slips:
+        said.append(
+            f"at slip {', '.join(slips)} the block sticks and slips, for friction falls with speed; its mean there "
+            "depends on tread.mass"
+        )
+    if found.rough.any():
+        low, high = SWEPT[found.rough][[0, -1]]
+        said.append(f"the block sticks and slips at slips from {low:.2g} to {high:.2g} of those tried for the maximum")
+    if found.moved > SETTLED:
+        said.append(
+            f"{len(found.path.time) - 1} steps through the footprint are few: twice as many change the friction (law) "
+            f"by up to {100 * found.moved:.1f} %"
+        )
+    return said
+
+
+def _doubts(found) -> list[str]:
+    """What stands against the maxima of a tyre."""
+    from flashtemp.friction.tyre import MODELS
+
+    said = []
+    if found.chatter:
+        said.append("bristles stick and slip where friction falls with speed; the maxima depend on tyre.mass there")
+    for model in MODELS:
+        if found.falls(model) and not found.sound(model):
+            said.append(
+                f"{model}: a control without flash temperature falls with load as well: the fall is not its work alone"
+            )
+    return said
 
 
 def _tread_text(found, remarks: list[str], folder: Path) -> str:
@@ -180,17 +213,22 @@ def _tread_text(found, remarks: list[str], folder: Path) -> str:
         "    slip   slides  of slip x l   at exit       mu   cold 0 .. hot 1   friction (law)  law off by",
     ]
     for row in told["slips"]:
+        way = "-" if isnan(row["from_cold_to_hot"]) else f"{row['from_cold_to_hot']:.2f}"
         lines.append(
             f"  {row['slip']:6.4g}  {1e3 * row['slid_m']:5.2f} mm  {1e3 * row['slip_distance_m']:6.2f} mm  "
-            f"{row['speed_at_exit_m_s']:6.3g} m/s   {row['mu_at_exit']:6.4f}   {row['from_cold_to_hot']:8.2f}       "
+            f"{row['speed_at_exit_m_s']:6.3g} m/s   {row['mu_at_exit']:6.4f}   {way:>8}       "
             f"  {row['friction']:.4f} ({row['friction_law']:.4f})   {100 * row['law_deviates']:4.1f} %"
         )
-    where = "at the edge of what was tried" if best["at_edge"] else f"{best['slip_over_D_per_l']:.2f} D/l"
+    where = f"{best['slip_over_D_per_l']:.2f} D/l"
+    if best["at_edge"]:
+        where = f"the {'largest' if best['at_last'] else 'smallest'} that was tried"
     lines.append(f"  friction of the footprint is highest at slip {best['slip']:.3g}, {where}: {best['friction']:.4f}")
     return "\n".join([*lines, *_last("tread", remarks, folder)])
 
 
 def _tyre_text(found, remarks: list[str], folder: Path) -> str:
+    from flashtemp.friction.tyre import MODELS
+
     told = found.as_dict()
     loads = found.loads
     lines = [
@@ -202,13 +240,19 @@ def _tyre_text(found, remarks: list[str], folder: Path) -> str:
     ]  # fmt: skip
     for (model, law), peaks in found.peaks.items():
         name = f"{model}, {law}" if law == "law" else f"{model}, both {law}"
-        told_peaks = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{'+' if p.edge else ''}" for p in peaks)
+        told_peaks = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{_mark(p)}" for p in peaks)
         lines.append(f"    {name:18s} {told_peaks}   {-100 * found.fall(model, law) + 0.0:+.1f} %")
-    if any(p.edge for peaks in found.peaks.values() for p in peaks):
-        lines.append("    + still rising at the end of tyre.angles")
-    if found.sound:
-        lines.append("  no control falls with load: what falls is the work of the flash temperature")
+    marks = {_mark(p) for peaks in found.peaks.values() for p in peaks}
+    lines += [f"    {mark} {words}" for mark, words in MARKS.items() if mark in marks]
+    for model in MODELS:
+        if found.falls(model) and found.sound(model):
+            lines.append(f"  {model}: no control falls with load: what falls is the work of the flash temperature")
     return "\n".join([*lines, *_last("tyre", remarks, folder)])
+
+
+def _mark(peak) -> str:
+    """The sign of a maximum that lies at an end of the slip angles, or at both."""
+    return "*" if peak.first and peak.last else "<" if peak.first else "+" if peak.last else ""
 
 
 def _last(table: str, remarks: list[str], folder: Path) -> list[str]:

@@ -60,8 +60,9 @@ class Law:
 def law(theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, fastest: float, memory=MEMORY) -> Law:
     """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s); r0 = memory x diameter.
 
-    Raises SolverFailure where the hot branch cannot be found.
+    They reach at least a decade above the slowest.  Raises SolverFailure where the hot branch cannot be found.
     """
+    fastest = max(fastest, 10.0 * SLOWEST)
     count = round(PER_DECADE * np.log10(fastest / SLOWEST)) + 1
     cold, hot = branches(theory, rubber, spots, np.geomspace(SLOWEST, fastest, count), T0, p)
     return Law(cold, hot, memory * spots.diameter)

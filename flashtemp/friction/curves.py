@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.friction import inputs
 from flashtemp.friction.hot import Branch, Spots, branches
+from flashtemp.friction.peak import highest
 from flashtemp.friction.persson import Theory
 from flashtemp.material import Material
 
@@ -33,25 +33,6 @@ COLUMNS = {
     "mu_hot": "hot.mu", "viscous_hot": "hot.viscous", "adhesive_hot": "hot.adhesive", "T_hot_degC": "highest",
     "area_cold": "area", "spot_fraction": "phi",
 }  # fmt: skip
-
-
-class Peak(NamedTuple):
-    """A maximum of friction: speed in m/s and friction coefficient."""
-
-    speed: float
-    mu: float
-
-
-def peak(speed: np.ndarray, mu: np.ndarray) -> Peak | None:
-    """The highest point of mu(v), by a parabola in ln v through its neighbours; None where it lies at an end."""
-    k = int(np.argmax(mu))
-    if k in (0, len(mu) - 1):
-        return None
-    x = np.log(speed[k - 1 : k + 2])
-    a, b, c = np.polyfit(x - x[1], mu[k - 1 : k + 2], 2)
-    if not a < 0:
-        return Peak(float(speed[k]), float(mu[k]))
-    return Peak(float(np.exp(x[1] - b / (2 * a))), float(c - b * b / (4 * a)))
 
 
 def held(mu: np.ndarray) -> np.ndarray:
@@ -116,17 +97,17 @@ class Curves:
 
     def ridge(self) -> np.ndarray:
         """Speed (m,) m/s of the maximum of mu at every temperature of the table, nan where it is not inside."""
-        found = [peak(self.speed, column) for column in self.mu.T]
-        return np.array([np.nan if top is None else top.speed for top in found])
+        found = [highest(self.speed, column) for column in self.mu.T]
+        return np.array([np.nan if top.edge else top.at for top in found])
 
     def as_dict(self) -> dict:
         """Numbers for JSON: m/s, degC, m; maxima are null where they do not lie inside."""
-        tops = {name: peak(self.speed, b.mu) for name, b in self.branches.items()}
+        tops = {name: highest(self.speed, b.mu) for name, b in self.branches.items()}
         return {
             "T0_degC": self.T0 - KELVIN,
             "pressure_Pa": self.p,
             "spot_diameter_m": self.spots.diameter,
-            "maximum": {k: top and top._asdict() for k, top in tops.items()},
+            "maximum": {k: None if t.edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
             "held_by_slope_tester": {k: held(b.mu).tolist() for k, b in self.branches.items()},
             "heat_deeper_m": [
                 {"speed": float(v)} | {f"{100 * s:.0f} %": d for s, d in zip(SHARES, self.depths.at(v), strict=True)}
@@ -196,13 +177,13 @@ class Curves:
 
     def _maximum(self, name: str) -> str:
         mu = self.branches[name].mu
-        top = peak(self.speed, mu)
-        if top is not None:
+        top = highest(self.speed, mu)
+        if not top.edge:
             return (
-                f"  {name}: highest {top.mu:.4f} at {top.speed:.3g} m/s; a slope tester, which sets the force, "
+                f"  {name}: highest {top.value:.4f} at {top.at:.3g} m/s; a slope tester, which sets the force, "
                 "holds no faster sliding"
             )
-        if np.argmax(mu) == 0:
+        if top.first:
             return f"  {name}: highest at the slowest speed; a slope tester, which sets the force, holds none of it"
         if held(mu).all():
             return f"  {name}: rises throughout; a slope tester reaches all of it"
@@ -214,7 +195,8 @@ def curves(
 ) -> Curves:
     """Friction over `speeds` (n,) m/s, rising, at background T0 (K) and nominal pressure p (Pa).
 
-    Raises SolverFailure where friction and flash temperature do not agree.
+    Raises BadInput where the road has no waves as long as the spots, SolverFailure where friction and flash temperature
+    do not agree.
     """
     speeds = np.asarray(speeds, dtype=float)
     cold, hot = branches(theory, rubber_material, spots, speeds, T0, p)

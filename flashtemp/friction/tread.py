@@ -25,10 +25,14 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.friction.coldhot import SLOWEST, Law
 from flashtemp.friction.hot import Slide, Spots
+from flashtemp.friction.peak import Peak, highest
 from flashtemp.friction.persson import Theory
 from flashtemp.material import Material
 
-STEPS, FEW = 800, 200  # through the footprint, with the law and with all that the kernel theory remembers
+FEW, MOST = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
+STEPS, FINEST = 800, 3200  # of the law alone
+SETTLED = 0.02  # of the friction of the footprint, that twice the steps may change
+APART = 0.01  # of the cold branch, below which it and the hot one are one
 TRIES, CLOSE = 80, 1e-8  # of the speed in a step; relative
 RINGING = 0.1  # share of the contact time that one ringing of mass and spring may take
 SWEPT = np.geomspace(2e-3, 0.5, 49)  # slips, for the maximum of friction
@@ -154,31 +158,6 @@ def mean_traction(path: Path) -> np.ndarray:
     return np.trapezoid(path.traction, path.time, axis=0) / path.time[-1]
 
 
-class Peak(NamedTuple):
-    """Where a curve is highest, its value there, and whether that is at an `edge` of what was computed."""
-
-    at: float
-    value: float
-    edge: bool
-
-
-def peak(at, values) -> Peak:
-    """Highest point of a curve over positive `at`: a parabola over ln at through the highest node and its neighbours.
-
-    >>> peak([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
-    Peak(at=2.0, value=3.0, edge=False)
-    """
-    at, values = np.asarray(at, dtype=float), np.asarray(values, dtype=float)
-    i = int(np.argmax(values))
-    if i in (0, len(at) - 1):
-        return Peak(float(at[i]), float(values[i]), True)
-    x, y = np.log(at[i - 1 : i + 2] / at[i]), values[i - 1 : i + 2] - values[i]
-    a, b = np.linalg.solve(np.stack([x[::2] ** 2, x[::2]], axis=1), y[::2])
-    if not a < 0:
-        return Peak(float(at[i]), float(values[i]), False)
-    return Peak(float(at[i] * np.exp(-b / (2 * a))), float(values[i] - b * b / (4 * a)), False)
-
-
 def chatters(path: Path, pull) -> np.ndarray:
     """Which paths (m,) stop again after they slid at half of what pulls them (m/s): friction that falls with speed."""
     pull = np.asarray(pull, dtype=float)
@@ -186,11 +165,29 @@ def chatters(path: Path, pull) -> np.ndarray:
     return np.any(fast & (path.speed < 0.1 * pull), axis=0)
 
 
+def settled(tread: Tread, law: Law, slips, first: int, most: int) -> tuple[Path, float]:
+    """The law's path at slips (m,), and by which share the friction of the footprint moves with twice its steps.
+
+    From `first` on steps are doubled until that share is below SETTLED, where the block chatters twice in a row, or up
+    to `most`.  Raises SolverFailure.
+    """
+    pull, before = tread.speed * np.asarray(slips, dtype=float), 1.0
+    path = through(tread, law, slips, first)
+    while True:
+        twice = through(tread, law, slips, 2 * (len(path.time) - 1))
+        moved = float(np.max(np.abs(mean_traction(twice) / mean_traction(path) - 1.0)))
+        calm = before < SETTLED or not chatters(twice, pull).any()
+        if (moved < SETTLED and calm) or len(twice.time) - 1 > most:
+            return path, moved
+        path, before = twice, moved
+
+
 @dataclass(frozen=True, eq=False)
 class Rolled:
     """A tread block at `slips` (m,): `path` with the law, `kernel` paths and highest T_q (K), one per slip.
 
-    `friction` is that of the whole footprint over the slips of `SWEPT`, highest at `best`; T0 in K.
+    Both take the same steps; twice as many move the law's friction of the footprint by a share `moved`.  `friction` is
+    that of the whole footprint over the slips of `SWEPT`, highest at `best`; `rough` where it chatters; T0 in K.
     """
 
     tread: Tread
@@ -202,30 +199,47 @@ class Rolled:
     kernel: tuple[tuple[Path, np.ndarray], ...]
     friction: np.ndarray
     best: Peak
+    rough: np.ndarray
+    moved: float
+
+    @property
+    def chatter(self) -> np.ndarray:
+        """At which slips (m,) the block sticks and slips, with the law or with the kernel theory."""
+        pull = self.tread.speed * self.slips
+        kernel = [chatters(path, v)[0] for (path, _), v in zip(self.kernel, pull, strict=True)]
+        return chatters(self.path, pull) | np.array(kernel)
 
     @property
     def to_hot(self) -> np.ndarray:
-        """How far (m,) the kernel theory's friction has come from the cold (0) to the hot branch (1) at the exit."""
+        """How far (m,) the kernel theory's friction has come from the cold (0) to the hot branch (1) at the exit.
+
+        Nan where the branches are less than 1 % apart.
+        """
         ends = ((self.law.ends(p.speed[-1, 0]), p.mu[-1, 0]) for p, _ in self.kernel)
-        return np.array([(cold - mu) / (cold - hot) if cold != hot else np.nan for (cold, hot), mu in ends])
+        return np.array([
+            (cold - mu) / (cold - hot) if abs(cold - hot) >= APART * abs(cold) else np.nan for (cold, hot), mu in ends
+        ])  # fmt: skip
 
     def as_dict(self) -> dict:
         """Numbers for JSON; lengths in m, speeds in m/s, temperatures in degC."""
         rows = []
-        for i, (slip, (path, T), way) in enumerate(zip(self.slips, self.kernel, self.to_hot, strict=True)):
+        each = zip(self.slips, self.kernel, self.to_hot, self.chatter, strict=True)
+        for i, (slip, (path, T), way, chatter) in enumerate(each):
             rows.append({
                 "slip": float(slip), "slid_m": float(path.slid[-1, 0]), "sheared_m": float(path.shear[-1, 0]),
                 "slip_distance_m": float(slip * self.tread.footprint), "speed_at_exit_m_s": float(path.speed[-1, 0]),
                 "mu_at_exit": float(path.mu[-1, 0]), "from_cold_to_hot": float(way),
                 "T_max_degC": float(T.max() - 273.15),
                 "friction": float(mean_traction(path)[0]), "friction_law": float(mean_traction(self.path)[i]),
-                "law_deviates": deviation(path, self.law),
+                "law_deviates": deviation(path, self.law), "chatter": bool(chatter),
             })  # fmt: skip
         return {
             "slips": rows,
             "maximum": {"slip": self.best.at, "friction": self.best.value, "at_edge": self.best.edge,
+                        "at_first": self.best.first, "at_last": self.best.last,
                         "slip_over_D_per_l": self.best.at * self.tread.footprint / self.spots.diameter},
-            "curve": {"slip": SWEPT.tolist(), "friction": self.friction.tolist()},
+            "curve": {"slip": SWEPT.tolist(), "friction": self.friction.tolist(), "chatter": self.rough.tolist()},
+            "steps": len(self.path.time) - 1, "moved_by_twice_the_steps": self.moved,
             "memory_m": self.law.r0, "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
         }  # fmt: skip
 
@@ -246,13 +260,16 @@ def roll(
 
     `watch(done, total)` is told about every slip.  Raises SolverFailure.
     """
+    slips = np.asarray(slips, dtype=float)
+    path, moved = settled(tread, law, slips, FEW, MOST)
     kernel = []
     for n, slip in enumerate(slips):
-        kernel.append(remembering(tread, theory, rubber, spots, T0, slip))
+        kernel.append(remembering(tread, theory, rubber, spots, T0, slip, len(path.time) - 1))
         if watch:
             watch(n + 1, len(slips))
-    friction = mean_traction(through(tread, law, SWEPT))
+    swept, _ = settled(tread, law, SWEPT, STEPS, FINEST)
+    friction = mean_traction(swept)
     return Rolled(
-        tread, law, spots, T0, np.asarray(slips, dtype=float), through(tread, law, slips), tuple(kernel), friction,
-        peak(SWEPT, friction),
+        tread, law, spots, T0, slips, path, tuple(kernel), friction, highest(SWEPT, friction),
+        chatters(swept, tread.speed * SWEPT), moved,
     )  # fmt: skip

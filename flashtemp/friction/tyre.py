@@ -23,13 +23,15 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from flashtemp.friction.coldhot import Law
-from flashtemp.friction.tread import Path, Peak, Tread, chatters, peak, through
+from flashtemp.friction.peak import Peak, highest
+from flashtemp.friction.tread import Path, Tread, chatters, through
 
 LINES = 96  # Gauss points across the footprint
 STEPS = 1000  # through the longest line of it
 CONTROLS = ("cold", "hot")  # the law with both branches alike
 LAWS = ("law", *CONTROLS)
 MODELS = ("rigid", "brush")
+FALLS = 1e-3  # share of side force over load, above which it falls
 
 
 @dataclass(frozen=True)
@@ -80,12 +82,13 @@ def rigid_peak(tyre: Tyre, law: Law, load: float, angles) -> Peak:
     angles = np.asarray(angles, dtype=float)
     i = int(np.argmax(rigid(tyre, law, [load], angles)[0]))
     if i in (0, len(angles) - 1):
-        return Peak(float(angles[i]), float(rigid(tyre, law, [load], angles[[i]])[0, 0]), True)
+        value = float(rigid(tyre, law, [load], angles[[i]])[0, 0])
+        return Peak(float(angles[i]), value, i == 0, i == len(angles) - 1)
     found = minimize_scalar(
         lambda a: -rigid(tyre, law, [load], [a])[0, 0], bounds=(angles[i - 1], angles[i + 1]), method="bounded",
         options={"xatol": 1e-7},
     )  # fmt: skip
-    return Peak(float(found.x), float(-found.fun), False)
+    return Peak(float(found.x), float(-found.fun))
 
 
 def bristle(tyre: Tyre, loads, stiffness: float, mass: float) -> Tread:
@@ -140,23 +143,27 @@ class Cornering:
         first, last = (self.peaks[model, law][i].value for i in (order[0], order[-1]))
         return 1.0 - last / first
 
-    @property
-    def sound(self) -> bool:
-        """Whether no control falls with load: then the fall of the law comes from the flash temperature alone."""
-        return all(self.fall(model, control) < 1e-3 for model in MODELS for control in CONTROLS)
+    def falls(self, model: str) -> bool:
+        """Whether the law's highest side force over load falls with load at all."""
+        return self.fall(model) > FALLS
+
+    def sound(self, model: str) -> bool:
+        """Whether no control falls with load: then a fall of the law comes from the flash temperature alone."""
+        return all(self.fall(model, control) <= FALLS for control in CONTROLS)
 
     def as_dict(self) -> dict:
         """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
         maxima = [
-            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge}
+            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge,
+             "at_first": p.first, "at_last": p.last}
             for (model, law), peaks in self.peaks.items()
             for load, p in zip(self.loads, peaks, strict=True)
-        ]
+        ]  # fmt: skip
         return {
             "maxima": maxima,
             "fall": {model: self.fall(model) for model in MODELS},
             "fall_of_controls": {f"{m}, both {c}": self.fall(m, c) for m in MODELS for c in CONTROLS},
-            "controls_hold": self.sound,
+            "controls_hold": all(map(self.sound, MODELS)),
             "footprint_length_m": [float(self.tyre.length(load)) for load in self.loads],
             "memory_m": self.law.r0,
             "ringing": self.ringing,
@@ -192,7 +199,7 @@ def corner(tyre: Tyre, law: Law, loads, angles, stiffness: float, mass: float, T
         curves["rigid", name] = rigid(tyre, one, loads, angles)
         peaks["rigid", name] = tuple(rigid_peak(tyre, one, load, angles) for load in loads)
         curves["brush", name], path = brush(tyre, one, loads, angles, stiffness, mass)
-        peaks["brush", name] = tuple(peak(angles, mu) for mu in curves["brush", name])
+        peaks["brush", name] = tuple(highest(angles, mu) for mu in curves["brush", name])
         chatter |= bool(chatters(path, tyre.pull(angles)).any())
         if watch:
             watch(n + 1, len(LAWS))

@@ -1,0 +1,43 @@
+"""The highest point of a sampled curve, between its nodes, and whether it lies at one of its ends.
+
+>>> highest([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
+Peak(at=2.0, value=3.0, first=False, last=False)
+>>> highest([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]).last
+True
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Peak(NamedTuple):
+    """Where a curve is highest, its `value` there, and whether that is the `first` or the `last` that was computed."""
+
+    at: float
+    value: float
+    first: bool = False
+    last: bool = False
+
+    @property
+    def edge(self) -> bool:
+        """Whether the curve may be higher beyond what was computed."""
+        return self.first or self.last
+
+
+def highest(at, values) -> Peak:
+    """Highest point of `values` (n,) over positive, rising `at` (n,), whatever their units.
+
+    A parabola over ln at goes through the highest node and its neighbours.
+    """
+    at, values = np.asarray(at, dtype=float), np.asarray(values, dtype=float)
+    i = int(np.argmax(values))
+    if i in (0, len(at) - 1):
+        return Peak(float(at[i]), float(values[i]), i == 0, i == len(at) - 1)
+    x, y = np.log(at[i - 1 : i + 2] / at[i]), values[i - 1 : i + 2] - values[i]
+    a, b = np.linalg.solve(np.stack([x[::2] ** 2, x[::2]], axis=1), y[::2])
+    if not a < 0:
+        return Peak(float(at[i]), float(values[i]))
+    return Peak(float(at[i] * np.exp(-b / (2 * a))), float(values[i] - b * b / (4 * a)))

@@ -52,7 +52,8 @@ def _speeds(ax, found, colours) -> None:
     ax.set_xscale("log")
     ax.set(xlabel="sliding speed (m/s)", ylabel="friction coefficient (–)", xlim=(v[0], v[-1]))
     ax.set_title(f"{_conditions(found)}; at the dots the block leaves the road")
-    ax.legend(title="kernel theory, slip", title_fontsize=7.5, loc="upper left", alignment="left")
+    free = "lower left" if cold[0] > cold[-1] else "upper left"
+    ax.legend(title="kernel theory, slip", title_fontsize=7.5, loc=free, alignment="left")
 
 
 def _conditions(found) -> str:

@@ -78,7 +78,7 @@ def _curves(asked, slowest: float, fastest: float):
         raise BadInput(
             f"persson_friction.extrapolate: false, but {outside[0]}; choose other --slowest and --fastest, or allow it"
         )
-    return replace(found, remarks=(*_own(asked, acting), *found.remarks))
+    return replace(found, remarks=(*_own(asked, acting), *acting.p.assumed, *found.remarks))
 
 
 def _own(asked, acting) -> list[str]:

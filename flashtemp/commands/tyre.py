@@ -9,6 +9,7 @@ from pathlib import Path
 from flashtemp.errors import BadInput
 from flashtemp.terminal import DONE, Json, counter, emit, finite
 
+SLOW = 1e-3  # of the fastest sliding: slower friction hardly counts for what was measured
 NOT_MODELLED = {
     "tread": "the rest of the wheel, heat carried from one revolution to the next, heat that flows into the road",
     "tyre": "the carcass, which bends (rigid here), camber and drive, a pressure that varies in the footprint, "
@@ -112,7 +113,6 @@ class _Asked:
     def remarks(self, fastest: float) -> list[str]:
         """What a user should know before believing the result; BadInput where the case allows no extrapolation."""
         from flashtemp.friction import inputs
-        from flashtemp.friction.coldhot import SLOWEST
         from flashtemp.friction.curves import USUAL
 
         said = []
@@ -128,10 +128,10 @@ class _Asked:
             )
         if self.case["friction.mu"] != 1.0 or self.acting.p.weight != 1.0:
             said.append("friction is the theory's alone: friction.mu and the weight of the effect are not used here")
-        beyond = inputs.beyond(self.theory, (SLOWEST, fastest), self.T0, self.pressure)
+        beyond = inputs.beyond(self.theory, (SLOW * fastest, fastest), self.T0, self.pressure)
         if beyond and not self.acting.p.extrapolate:
             raise BadInput(f"{self.acting.name}.extrapolate: false, but {beyond[0]}; measure further, or allow it")
-        return said + beyond
+        return said + self.acting.p.assumed + beyond
 
     @contextmanager
     def folder(self, out: Path | None):

@@ -86,14 +86,13 @@ class PerssonFriction(Effect):
             mu, deep = look(T, now)
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
-        covering = p.theory.covering(2 * np.pi / scene.spot_diameter, scene.ambient, scene.load)
-
         def fraction(T, now, p):
             v = max(now.last_speed, table.SLOWEST)
             return 1.0 + p.weight * (covering(v, now.local_pressure) / now.base - 1.0)
 
         yield Factor("friction.mu", law)
         if p.spots == "theory":
+            covering = p.theory.covering(2 * np.pi / scene.spot_diameter, scene.ambient, scene.load)
             yield Factor("contact.spot_fraction", fraction)
         for share, depth in depths:
             yield Deposit(p.weight * share, depth)

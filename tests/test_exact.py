@@ -8,7 +8,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 
 from flashtemp import exact
-from flashtemp.effects import flash, lanes
+from flashtemp.effects import lanes
+from flashtemp.friction import kernel
 from flashtemp.material import LIBRARY
 
 RUBBER, ROAD = LIBRARY["tread_rubber"], LIBRARY["asphalt"]
@@ -207,16 +208,16 @@ def test_V10_build_up():
     assert quad(exact.spot_overlap, 0, 0.3419)[0] / quad(exact.spot_overlap, 0, 1)[0] == pytest.approx(0.632, abs=1e-3)
 
 
-def test_V10_V11_functions_of_the_flash_effect():
+def test_V10_V11_functions_of_the_kernels():
     r = np.array([0.0, 1e-6, 0.013, 0.1, 0.5, 0.99, 1.0, 2.0])
-    assert [flash.overlap_integral(v) / flash.FULL for v in r] == pytest.approx(
+    assert [kernel.overlap_integral(v) / kernel.FULL for v in r] == pytest.approx(
         exact.flash_build_up(r).tolist(), rel=1e-9, abs=1e-15
     )
-    assert pytest.approx(exact.OVERLAP, rel=1e-10) == flash.FULL
-    assert flash.overlap(r) == pytest.approx(exact.spot_overlap(r), abs=1e-15)
+    assert pytest.approx(exact.OVERLAP, rel=1e-10) == kernel.FULL
+    assert kernel.overlap(r) == pytest.approx(exact.spot_overlap(r), abs=1e-15)
     for depth in (1e-6, 1e-5, 1e-4, 1e-3):
         share = exact.spot_flash_deep(RUBBER, 1e4, depth, 3e-3, 0.1) / exact.spot_flash(RUBBER, 1e4, 3e-3, 0.1)
-        assert flash.deep_share(sqrt(DR * 0.03) / depth) == pytest.approx(share, rel=1e-8)
+        assert kernel.felt(sqrt(DR * 0.03) / depth) == pytest.approx(share, rel=1e-8)
 
 
 def test_V11_spot_flash():

@@ -65,7 +65,7 @@ def test_friction_of_the_theory(case, speed):
 
     def exact(scene):
         theory = theory_of(case("persson_friction"))[1].p.theory
-        felt = table.felt(theory.q, scene.block, 3e-3, speed)
+        felt = table.flash_share(theory.q, scene.block, 3e-3, speed)
         return lambda spot, face: theory(speed, face[:, None] + (spot - face)[:, None] * felt, P, spot).mu
 
     run, kernel = both(case, speed, ("persson_friction",), exact, **{"persson_friction.in_depth": False})

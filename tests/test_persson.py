@@ -26,7 +26,7 @@ KELVIN, P = 273.15, 1.5e5
 C20, C60, C80 = 20 + KELVIN, 60 + KELVIN, 80 + KELVIN
 
 
-def digits(got, known: str):
+def assert_digits(got, known: str):
     """`got` rounds to `known`, written as the source writes it, give or take half a unit of its last digit more."""
     mantissa = known.lower().split("e")
     last = 10.0 ** -len(mantissa[0].partition(".")[2]) * 10.0 ** float(mantissa[1] if len(mantissa) > 1 else 0)
@@ -53,19 +53,19 @@ def peak_of(speed, mu) -> float:
 )
 def test_contact_and_viscoelastic_friction(v, T, G, area, mu, phi, whole):
     found = VISCOUS(v, T, P)
-    digits(found.stretch, G)
-    digits(found.area, area)
-    digits(found.viscous, mu)
-    digits(VISCOUS.contact(2 * np.pi / 3e-3, v, T, P), phi)
-    digits(replace(VISCOUS, gamma=1.0)(v, T, P).viscous, whole)
+    assert_digits(found.stretch, G)
+    assert_digits(found.area, area)
+    assert_digits(found.viscous, mu)
+    assert_digits(VISCOUS.contact(2 * np.pi / 3e-3, v, T, P), phi)
+    assert_digits(replace(VISCOUS, gamma=1.0)(v, T, P).viscous, whole)
     assert found.adhesive == 0
     assert found.density @ found.weight == pytest.approx(float(found.viscous), rel=1e-12)
 
 
 def test_elastic_contact():
     found = elastic()(0.1, C20, P)
-    digits(found.stretch, "1669.1358")
-    digits(found.area, ".0138088511")
+    assert_digits(found.stretch, "1669.1358")
+    assert_digits(found.area, ".0138088511")
     assert found.viscous == pytest.approx(0, abs=1e-12)
 
 
@@ -85,21 +85,21 @@ def test_friction_does_not_depend_on_pressure():
 )
 def test_modulus(omega, storage, loss):
     E = A(omega, C20) / 1e6
-    digits(E.real, storage)
-    digits(E.imag, loss)
+    assert_digits(E.real, storage)
+    assert_digits(E.imag, loss)
 
 
 @pytest.mark.parametrize(
     ("T", "known"), [(0, "39.62"), (40, ".074129"), (60, ".010681"), (80, ".0023867"), (100, "7.2345e-4")]
 )
 def test_shift_factor(T, known):
-    digits(A.factor(T + KELVIN), known)
+    assert_digits(A.factor(T + KELVIN), known)
 
 
 def test_shear_stress():
     shear = Shear(4e6)
     for v, T, known in ((0.1, C20, "3.445272"), (0.1, C60, "3.726043"), (1.0, C20, "2.441550")):
-        digits(shear(v, T) / 1e6, known)
+        assert_digits(shear(v, T) / 1e6, known)
     assert shear.factor(C60) == pytest.approx(0.008626762, rel=1e-6)
     assert shear(0.3, C60) == pytest.approx(shear(0.3 * shear.factor(C60), C20), rel=1e-12)  # V21
 
@@ -109,8 +109,8 @@ def test_shear_stress():
     [(ASPHALT, "1.3984054661e-14", "2.5401710e6"), (CONCRETE, "3.9419181e-17", "2.1119131e7")],
 )
 def test_roads(road, level, q1):
-    digits(road.law.level, level)
-    digits(road.q1, q1)
+    assert_digits(road.law.level, level)
+    assert_digits(road.q1, q1)
     assert road.slope() == pytest.approx(1.3, rel=1e-9)
 
 
@@ -138,12 +138,12 @@ def test_hot_branch():
 )
 def test_kernel(q, other, age, known):
     """V4, and that what heats and what feels may change places."""
-    digits(kernel.kernel(2 * q, 2 * other, RUBBER.diffusivity * age), known)
-    digits(kernel.kernel(2 * other, 2 * q, RUBBER.diffusivity * age), known)
+    assert_digits(kernel.kernel(2 * q, 2 * other, RUBBER.diffusivity * age), known)
+    assert_digits(kernel.kernel(2 * other, 2 * q, RUBBER.diffusivity * age), known)
 
 
 def test_step_response():
-    digits(kernel.step_response(2e4, 2e5, RUBBER.diffusivity, 0.01), "127.3120125")
+    assert_digits(kernel.step_response(2e4, 2e5, RUBBER.diffusivity, 0.01), "127.3120125")
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_what_a_wavenumber_feels_of_a_spot(v, known):
         return float(memory.rise(*memory.steady(3e-3 / v), heat, memory.spread(heat[0])[None])[0])
 
     for q, rise in zip((1e3, 1e4, 1e5), known, strict=False):
-        digits(felt(q), rise)
+        assert_digits(felt(q), rise)
     assert felt(1e10) == pytest.approx(float(known[-1]), rel=4e-6)
 
 
@@ -315,7 +315,7 @@ def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
     """Nowhere more than a tenth beyond the error that it states: that is looked for in the middles of its cells."""
     face, spot, p = face + KELVIN, spot + KELVIN, P * table.REACH**load
     got = looked_up.at(0.05)(np.array([spot]), np.array([face]), np.array([p]))[:, 0]
-    share = table.felt(WHOLE.q, RUBBER, 3e-3, 0.05)
+    share = table.flash_share(WHOLE.q, RUBBER, 3e-3, 0.05)
     found = WHOLE(0.05, face + (spot - face) * share, p, spot)
     exact = [float(found.mu), float(found.density @ (found.weight * (0.5 / found.q >= 4e-6)))]
     assert looked_up.error < 1e-3

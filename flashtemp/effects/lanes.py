@@ -10,18 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import ive
 
 from flashtemp.effect import Effect, Factor, Param
+from flashtemp.friction.kernel import retained
 
 FRACTION = 0.01  # distance between the contact fractions for which the retained heat is tabulated
-
-
-def retained(tau, diameter, diffusivity):
-    """R(tau): share of heat still under a disc of the given diameter, eq. (15b)."""
-    X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
-    near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
-    return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
 @lru_cache(maxsize=128)

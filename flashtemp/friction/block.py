@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ive
 
 from flashtemp.errors import SolverFailure
-from flashtemp.friction.kernel import ROOT_PI, overlap_integral
+from flashtemp.friction.kernel import ROOT_PI, overlap_integral, retained
 from flashtemp.material import Material
 
 
@@ -47,11 +46,10 @@ class Sliding:
     widening: bool = True
 
     def retained(self, tau):
-        """R(tau): share of the heat that is still under a spot, eq. (15b), never below the contact fraction."""
+        """Share of the heat that is still under a spot, eq. (15b), never below the contact fraction."""
         if not self.widening:
             return np.ones_like(tau)
-        X = np.minimum(self.diameter**2 / (8 * self.road.diffusivity * np.maximum(tau, 1e-12)), 1e6)
-        return np.maximum(1.0 - ive(0, X) - ive(1, X), self.fraction)
+        return np.maximum(retained(tau, self.diameter, self.road.diffusivity), self.fraction)
 
     def places(self, count: int) -> np.ndarray:
         """Places (count,) m, denser at the leading edge; the last one is the trailing edge."""

@@ -20,7 +20,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import erfcx
+from scipy.special import erfcx, ive
 
 FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
 ROOT_PI = np.sqrt(np.pi)
@@ -45,6 +45,31 @@ def _build_up() -> CubicSpline:
 def overlap_integral(r):
     """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
     return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
+
+
+@cache
+def _felt() -> CubicSpline:
+    nodes, weights = np.polynomial.legendre.leggauss(120)
+    s = 0.5 * (nodes + 1)  # w = s^2
+    logs = np.linspace(-5.0, 5.0, 801)
+    kappa = 10.0 ** logs[:, None]
+    integral = 0.5 * np.sum(weights * 2 * s * overlap(s * s) * erfcx(kappa * s), axis=1)
+    return CubicSpline(logs, kappa[:, 0] * integral * ROOT_PI / FULL)
+
+
+def felt(kappa):
+    """Flash temperature over that of a surface flux felt at its surface, eq. (13): kappa = sqrt(D t_spot)/depth.
+
+    Of a source that decays over `depth`, felt at the surface, or of a surface flux, felt by the wavenumber 1/(2 depth).
+    """
+    return _felt()(np.log10(np.clip(kappa, 1e-5, 1e5)))
+
+
+def retained(tau, diameter, diffusivity):
+    """R(tau): share of heat still under a disc of the given diameter (m) after tau (s), eq. (15b)."""
+    X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
+    near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
+    return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
 def kernel(a, b, age):

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-from scipy.special import erfcx
 
 from flashtemp.errors import BadInput
-from flashtemp.friction.kernel import FULL, ROOT_PI, overlap
+from flashtemp.friction.kernel import felt
 from flashtemp.friction.persson import Theory
 from flashtemp.material import Material
 
@@ -32,12 +31,9 @@ LIGHT = 1.0  # Pa: below, friction is that at this pressure
 SLOWEST = 1e-7  # m/s: friction at rest is that of creep
 
 
-def felt(q: np.ndarray, rubber: Material, diameter: float, v) -> np.ndarray:
-    """s(q) (..., n): T_q of a steady surface flux in spots over that of the surface, at speeds v (...) in m/s."""
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    u = 0.5 * (nodes + 1)  # age = D/v u^2
-    y = 2.0 * q * np.sqrt(rubber.diffusivity * diameter / np.asarray(v, dtype=float))[..., None]
-    return ROOT_PI / FULL * y * np.sum(weights * u * overlap(u * u) * erfcx(y[..., None] * u), axis=-1)
+def flash_share(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
+    """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
+    return felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
 
 
 @njit(cache=True)
@@ -157,7 +153,7 @@ class Table:
         if len(self.logv) == 1:
             return self.values[0]
         k, x = _place(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
-        return np.einsum("i,i...", _weights(x), self.values[k : k + 4])
+        return np.tensordot(_weights(x), self.values[k : k + 4], 1)
 
     def save(self, folder: Path) -> None:
         """Write friction.nc, from which `tabulate` takes the table up again."""
@@ -241,7 +237,7 @@ def _kept(folder, made_of: str):
 def _friction(theory, rubber, diameter, logv, face, spot, logp, shallow) -> np.ndarray:
     """mu and its part in depth (2, faces, spots, pressures) at one speed."""
     v = float(np.exp(logv))
-    share = felt(theory.q, rubber, diameter, v)
+    share = flash_share(theory.q, rubber, diameter, v)
     T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * share
     found = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
     deep = found.weight * (0.5 / found.q >= shallow)

@@ -8,9 +8,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.case import build, load, settings
-from flashtemp.cvode import available
-from flashtemp.march import march
+from flashtemp.model.case import build, load, settings
+from flashtemp.model.numerics import available
+from flashtemp.solver.march import march
 
 CASE = Path(__file__).parent.parent / "cases" / "run_in"
 PLAIN = ["friction_softening", "track_memory", "edge_pressure"]

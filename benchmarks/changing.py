@@ -18,9 +18,9 @@ from common import profile_error, table, timed
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp.balance import Balance
-from flashtemp.case import build, load
-from flashtemp.cvode import available
+from flashtemp.model.case import build, load
+from flashtemp.model.numerics import available
+from flashtemp.solver.balance import Balance
 
 CASE = Path(__file__).parent.parent / "cases" / "slide2d"
 SPEED = [[0.0, 0.1], [10.0, 0.2], [20.0, 0.05], [35.0, 0.1]]

@@ -12,9 +12,9 @@ import argparse
 
 import numpy as np
 
-from flashtemp.case import build, load, settings
-from flashtemp.cvode import available
-from flashtemp.march import march
+from flashtemp.model.case import build, load, settings
+from flashtemp.model.numerics import available
+from flashtemp.solver.march import march
 
 POINTS = [  # speed m/s, diameter m, fraction
     (0.1, 3e-3, 0.2), (0.03, 3e-3, 0.2), (0.3, 3e-3, 0.2), (1.0, 3e-3, 0.2), (0.1, 1.5e-3, 0.2), (0.1, 6e-3, 0.2),

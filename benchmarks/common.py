@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp.case import Case, build, settings
-from flashtemp.march import march
+from flashtemp.model.case import Case, build, settings
+from flashtemp.solver.march import march
 
 
 def timed(case: Case, repeat: int):

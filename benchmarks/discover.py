@@ -49,7 +49,7 @@ def draw(seed: int) -> dict:
 
 def overrides(plan: dict) -> dict:
     """Keys of the case under which `twin` hides what was drawn."""
-    from flashtemp.effect import find
+    from flashtemp.physics.effect import find
 
     out = dict(SMALL)
     if plan["hidden"]:
@@ -66,8 +66,10 @@ def overrides(plan: dict) -> dict:
 
 def one(seed: int) -> dict:
     """Make a campaign, discover, then open the truth."""
-    from flashtemp import campaign, case, conclude
-    from flashtemp.twin import SEALED, Plan, twin
+    from flashtemp.comparison import campaign
+    from flashtemp.comparison.twin import SEALED, Plan, twin
+    from flashtemp.discovery import discover
+    from flashtemp.model import case
 
     plan, began = draw(seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -77,21 +79,21 @@ def one(seed: int) -> dict:
         loaded = campaign.load(out)
         if plan["kind"] == "outside":
             loaded = replace(loaded, candidates=_without(plan["hidden"]))
-        verdict, search = conclude.discover(loaded, workers=1)
+        verdict, search = discover.discover(loaded, workers=1)
         truth = json.loads((out / SEALED).read_text())
     return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
 
 
 def _without(hidden: list[str]) -> tuple[str, ...]:
     """The catalogue as if what is hidden were not in it."""
-    from flashtemp.effect import catalogue
+    from flashtemp.physics.effect import catalogue
 
     return tuple(n for n, e in catalogue().items() if not (e.base or e.alike or e.detail or n in hidden))
 
 
 def _record(verdict, search, truth: dict) -> dict:
     """Numbers that the tables need."""
-    from flashtemp.effect import find
+    from flashtemp.physics.effect import find
 
     z = {}
     for ranked in search.ranking[:1]:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from common import table, timed
 
-from flashtemp.case import load
-from flashtemp.cvode import available
+from flashtemp.model.case import load
+from flashtemp.model.numerics import available
 
 CASE = Path(__file__).parent.parent / "cases" / "run_in"
 

@@ -12,8 +12,8 @@ import numpy as np
 from common import profile_error, table, timed
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.case import load
-from flashtemp.cvode import available
+from flashtemp.model.case import load
+from flashtemp.model.numerics import available
 
 CASE = Path(__file__).parent.parent / "cases" / "slide2d"
 GOOD = {

@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.case import build, load, settings
-from flashtemp.cvode import available
-from flashtemp.march import march
+from flashtemp.model.case import build, load, settings
+from flashtemp.model.numerics import available
+from flashtemp.solver.march import march
 
 CASE = Path(__file__).parent.parent / "cases" / "slide3d"
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "slide3d_reference.json"
@@ -124,8 +124,8 @@ def memory() -> None:
 
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
-    from flashtemp import kernels, slabs
-    from flashtemp.stage import Stage
+    from flashtemp.solver import kernels_2d, kernels_3d
+    from flashtemp.solver.system import Stage
 
     go(MILLION | {"numerics.mesh": 0.2})
     spent = dict.fromkeys(("loops", "callbacks"), 0.0)
@@ -139,7 +139,10 @@ def parts() -> None:
 
         return run
 
-    for module, names in ((slabs, ("flows", "sweep", "lift")), (kernels, ("add_slopes", "exchange", "factorise"))):
+    for module, names in (
+        (kernels_3d, ("flows", "sweep", "lift")),
+        (kernels_2d, ("add_slopes", "exchange", "factorise")),
+    ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))
     for name in ("rate", "times", "setup", "solve"):
@@ -159,8 +162,8 @@ def parts() -> None:
 
 def bandwidth() -> None:
     """Time of one pass over memory, beside one product and one solve of the preconditioner."""
-    from flashtemp.balance import Balance
-    from flashtemp.stage import Stage
+    from flashtemp.solver.balance import Balance
+    from flashtemp.solver.system import Stage
 
     scene = build(load(CASE, MILLION))
     balance = Balance(scene)

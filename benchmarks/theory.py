@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.case import build, load, settings
-from flashtemp.friction.table import tabulate
-from flashtemp.march import march
-from flashtemp.theories import theory_of
+from flashtemp.model.case import build, load, settings
+from flashtemp.model.theories import theory_of
+from flashtemp.physics.friction.friction_table import tabulate
+from flashtemp.solver.march import march
 
 THEORY = {"effects": ["persson_friction"]}
 OTHERS = {  # the same friction at the end, about

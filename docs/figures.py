@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from flashtemp import campaign
 from flashtemp.__main__ import main as flashtemp
-from flashtemp.case import build, load, settings
-from flashtemp.compare import compare
-from flashtemp.march import march
-from flashtemp.twin import Plan, twin
+from flashtemp.comparison import campaign
+from flashtemp.comparison.compare import compare
+from flashtemp.comparison.twin import Plan, twin
+from flashtemp.model.case import build, load, settings
+from flashtemp.solver.march import march
 from flashtemp.viz import comparison, field, film, maps, profile, theme, worn
 
 ROOT = Path(__file__).parent.parent

@@ -7,16 +7,16 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "load": "case",
-    "build": "case",
-    "Case": "case",
-    "simulate": "job",
-    "Run": "run",
-    "open_fields": "export",
-    "Effect": "effect",
-    "Param": "effect",
-    "catalogue": "effect",
-    "converge": "verify",
+    "load": "model.case",
+    "build": "model.case",
+    "Case": "model.case",
+    "simulate": "api.simulation",
+    "Run": "solver.run",
+    "open_fields": "runs.vtk",
+    "Effect": "physics.effect",
+    "Param": "physics.effect",
+    "catalogue": "physics.effect",
+    "converge": "runs.convergence",
     "BadInput": "errors",
     "SolverFailure": "errors",
 }

@@ -8,9 +8,9 @@ import sys
 from cyclopts import App, CycloptsError
 
 from flashtemp import __version__
-from flashtemp.commands import camera, campaigns, friction, loads, questions, road, simulate, tyre
+from flashtemp.cli import camera, campaigns, friction, loads, questions, road, simulate, tyre
+from flashtemp.cli.terminal import BAD, DONE, FAILED, STOPPED, tell
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
-from flashtemp.terminal import BAD, DONE, FAILED, STOPPED, tell
 
 app = App(
     name="flashtemp",

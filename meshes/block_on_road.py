@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.mesh import Mesh
 from flashtemp.meshes.grading import geometric, two_sided
+from flashtemp.meshes.mesh import Mesh
 
 
 def build(

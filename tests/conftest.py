@@ -10,18 +10,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp import cvode
-from flashtemp.balance import Balance
-from flashtemp.case import assemble, build, settings
-from flashtemp.effect import Effect, Heat, Term
-from flashtemp.keys import Places
-from flashtemp.march import Progress, Settings, march
-from flashtemp.material import LIBRARY, Material
-from flashtemp.mesh import Mesh
 from flashtemp.meshes.grading import geometric
-from flashtemp.scene import KELVIN, Acting, Scene
-from flashtemp.schedule import Schedule, constant
-from flashtemp.stage import Stage
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.numerics import Settings, choose
+from flashtemp.model.scene import KELVIN, Acting, Scene
+from flashtemp.model.schedule import Schedule, constant
+from flashtemp.model.schema import Places
+from flashtemp.physics.effect import Effect, Heat, Term
+from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.march import Progress, march
+from flashtemp.solver.system import Stage
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
 # the effusivities of road and rubber with 1e-4 and 1e-8 of their diffusivity: V8 and V15 neglect conduction along x
@@ -78,7 +78,7 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
     y[scene.mesh.everywhere(scene.mesh.block)] = warm[..., None] if warm.ndim == 2 else warm
     start = scene.schedule.phases[phase].begin
     state = Progress(t=start, phase=phase, y=y, left=-np.array(balance.stored(y)))
-    run = march(scene, Settings(cvode.choose(None), rtol, profiles=profiles), state=state)
+    run = march(scene, Settings(choose(None), rtol, profiles=profiles), state=state)
     assert run.energy_imbalance < LEAK
     return run, state.y[: balance.n]
 

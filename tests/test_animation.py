@@ -9,11 +9,12 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import flashtemp.viz
-from flashtemp import BadInput, job
-from flashtemp.case import assemble, build, settings
-from flashtemp.keys import Places
-from flashtemp.march import march
-from flashtemp.viz import animation, screen, theme
+from flashtemp import BadInput
+from flashtemp.api.simulation import simulate
+from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.schema import Places
+from flashtemp.solver.march import march
+from flashtemp.viz import animation, animation_frame, theme
 
 SMALL = {
     "effects": ["edge_pressure", "wear", "friction_softening"],
@@ -50,7 +51,7 @@ def decode(path):
 @theme.styled
 def taken(run, kept):
     """The screen of a run and its pictures before they are stored."""
-    still = screen.Screen(run, kept)
+    still = animation_frame.Screen(run, kept)
     return still, list(still.pictures(kept))
 
 
@@ -63,7 +64,7 @@ def test_every_kept_frame_is_shown_in_its_colours(run, tmp_path):
     ax, mesh, x, z = still.fig.axes[0], run.mesh, 0.012, 0.0035
     for i, picture in enumerate(pictures):
         assert (abs(stored[i] - picture).max(axis=-1) > 24).mean() < 1e-3
-        bottom = 0.0 if run.sliding[run.frames[i]] else screen.LIFT * mesh.height[-1]
+        bottom = 0.0 if run.sliding[run.frames[i]] else animation_frame.LIFT * mesh.height[-1]
         T = RegularGridInterpolator((run.x, mesh.z_centre[mesh.block[0]]), run.field[i][mesh.block].astype(float))
         column, row = ax.transData.transform((1e3 * x, 1e3 * (z + bottom))).astype(int)
         expected = ax.images[0].cmap(ax.images[0].norm(float(T((x, z)))))[:3]
@@ -117,7 +118,7 @@ def test_mp4_hands_every_frame_to_ffmpeg_for_its_time(run, tmp_path, monkeypatch
     program.chmod(0o755)
     kept = animation.frames(run)
     pictures = sum(max(1, round(v * animation.RATE / 1000)) for v in animation.durations(run, kept))
-    wide, tall = (round(v * screen.DPI) for v in screen.SIZE)
+    wide, tall = (round(v * animation_frame.DPI) for v in animation_frame.SIZE)
     assert int(animation.write(run, tmp_path / "a.mp4").read_text()) == 3 * wide * tall * pictures
     program.write_text("#!/bin/sh\necho no such encoder >&2\nexit 1\n")
     with pytest.raises(BadInput, match="ffmpeg could not write it: no such encoder"):
@@ -136,6 +137,6 @@ def test_one_frame_per_repetition_and_constant_temperature(run, tmp_path):
 def test_written_for_several_repetitions_unless_switched_off(tmp_path, monkeypatch, animated, repetitions, drawn):
     monkeypatch.setattr(flashtemp.viz, "draw_all", lambda run, folder: [])
     said, case = [], small(schedule__repetitions=repetitions, schedule__distance=0.1, output__animation=animated)
-    job.simulate(case, tmp_path / "out", say=said.append)
+    simulate(case, tmp_path / "out", say=said.append)
     assert (tmp_path / "out" / "run_in.gif").exists() == drawn
     assert ("drawing the animation" in said) == drawn

@@ -241,7 +241,7 @@ def test_no_case(tmp_path, capsys, monkeypatch, command):
 
 
 def test_binding_that_is_not_installed(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("flashtemp.cvode.find_spec", lambda module: module == "sksundae")
+    monkeypatch.setattr("flashtemp.model.numerics.find_spec", lambda module: module == "sksundae")
     written(tmp_path, Bad("", '[numerics]\nintegrator = "scikits-odes"\n', "", ""))
     before = sorted(tmp_path.rglob("*"))
     for command in (["check", str(tmp_path)], ["run", str(tmp_path), "--out", str(tmp_path / "result")]):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flashtemp import campaign
 from flashtemp.__main__ import main
 from flashtemp.camera.recording import Recording, load
+from flashtemp.comparison import campaign
 from flashtemp.errors import BadInput
 
 HEAD = 'case = "case.toml"\n'

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.case import assemble, build, load, settings
-from flashtemp.keys import Places
-from flashtemp.march import march
+from flashtemp.model.case import assemble, build, load, settings
+from flashtemp.model.schema import Places
+from flashtemp.solver.march import march
 
 CASES = Path(__file__).parents[1] / "cases"
 FOLDERS = sorted(file.parent for file in CASES.glob("*/case.toml"))

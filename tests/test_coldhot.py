@@ -7,12 +7,12 @@ import doctest
 import numpy as np
 import pytest
 
-from flashtemp.friction import coldhot, peak, tread, tyre
-from flashtemp.friction.hot import Slide, Spots
-from flashtemp.friction.persson import Theory
-from flashtemp.friction.rheology import READY as RUBBERS
-from flashtemp.friction.roughness import READY as ROADS
-from flashtemp.material import LIBRARY
+from flashtemp.physics.friction import cold_hot_law, curve_peak, tread_block, tyre
+from flashtemp.physics.friction.flash_temperature import Slide, Spots
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.material import LIBRARY
 
 THEORY, RUBBER = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"]
 SPOTS, P = Spots(3e-3), 1.5e5
@@ -20,7 +20,7 @@ FITTED = {20.0: [0.151, 0.125, 0.106], 80.0: [0.182, 0.156, 0.138]}  # at 0.1, 1
 DEVIATES = {20.0: [0.039, 0.097, 0.16], 80.0: [0.005, 0.029, 0.057]}
 
 
-@pytest.mark.parametrize("module", [coldhot, peak, tread, tyre], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("module", [cold_hot_law, curve_peak, tread_block, tyre], ids=lambda m: m.__name__)
 def test_examples(module):
     tried = doctest.testmod(module)
     assert tried.attempted > 0
@@ -30,7 +30,7 @@ def test_examples(module):
 @pytest.mark.parametrize("T", FITTED)
 def test_the_kernel_theory_forgets_within_a_fifth_of_a_diameter(T):
     """Reference figures on a coarse grid of wavenumbers: r0 within 6 %, deviation within a point or a tenth."""
-    found = coldhot.fit(THEORY, RUBBER, SPOTS, [0.1, 1.0, 3.0], T + 273.15, P)
+    found = cold_hot_law.fit(THEORY, RUBBER, SPOTS, [0.1, 1.0, 3.0], T + 273.15, P)
     print(found)
     np.testing.assert_allclose(found.memory, FITTED[T], rtol=0.06)
     np.testing.assert_allclose(found.deviation, DEVIATES[T], rtol=0.1, atol=0.002)
@@ -41,12 +41,12 @@ def test_the_kernel_theory_forgets_within_a_fifth_of_a_diameter(T):
 
 def test_where_heat_hardly_acts_back_the_linear_theory_brackets_the_memory():
     """V10: between heat at the surface (0.176 D) and far below it (0.342 D at 63 %)."""
-    found = coldhot.fit(THEORY, RUBBER, SPOTS, [0.02], 353.15, P)
+    found = cold_hot_law.fit(THEORY, RUBBER, SPOTS, [0.02], 353.15, P)
     assert 0.17 < found.memory[0] < 0.342
 
 
 def test_law_between_its_branches():
-    law = coldhot.law(THEORY, RUBBER, SPOTS, 293.15, P, 3.0, memory=0.5)
+    law = cold_hot_law.law(THEORY, RUBBER, SPOTS, 293.15, P, 3.0, memory=0.5)
     assert law.r0 == 1.5e-3
     v = np.array([1e-3, 0.1, 1.0])
     cold, hot = law.ends(v)
@@ -57,16 +57,16 @@ def test_law_between_its_branches():
     assert hot[-1] < 0.7 * cold[-1]
     for which, alone in (("cold", cold), ("hot", hot)):
         np.testing.assert_array_equal(law.alike(which)(v, 2e-4), alone)
-    assert law(0.0, 0.0) == law(coldhot.SLOWEST, 0.0)
+    assert law(0.0, 0.0) == law(cold_hot_law.SLOWEST, 0.0)
     assert law(99.0, 0.0) == law(3.0, 0.0)
 
 
 def test_law_of_rubber_that_hardly_moves():
     """A decade of speeds at least, however slow the fastest."""
-    for fastest in (1e-12, coldhot.SLOWEST, 9e-5):
-        speed = coldhot.law(THEORY, RUBBER, SPOTS, 293.15, P, fastest).hot.speed
+    for fastest in (1e-12, cold_hot_law.SLOWEST, 9e-5):
+        speed = cold_hot_law.law(THEORY, RUBBER, SPOTS, 293.15, P, fastest).hot.speed
         np.testing.assert_allclose(speed[[0, -1]], [1e-5, 1e-4])
-        assert len(speed) == coldhot.PER_DECADE + 1
+        assert len(speed) == cold_hot_law.PER_DECADE + 1
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_law_of_rubber_that_hardly_moves():
     ],
 )
 def test_highest_points_know_the_end_they_lie_at(values, first, last):
-    found = peak.highest(np.arange(1.0, len(values) + 1), values)
+    found = curve_peak.highest(np.arange(1.0, len(values) + 1), values)
     assert (found.first, found.last, found.edge) == (first, last, first or last)
     assert found.value >= max(values)
 

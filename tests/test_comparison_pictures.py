@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 
 from flashtemp.camera.recording import Recording
-from flashtemp.campaign import Campaign, Force, View
-from flashtemp.compare import Comparison, Pulling, Seeing
-from flashtemp.residual import Noise, lag_one, structured, whiten
+from flashtemp.comparison.campaign import Campaign, Force, View
+from flashtemp.comparison.compare import Comparison, Pulling, Seeing
+from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
 from flashtemp.viz import comparison as draw
 from flashtemp.viz import residuals, theme
 

@@ -15,34 +15,34 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.friction import curves, hot, persson, rheology, roughness
-from flashtemp.friction.peak import highest
-from flashtemp.friction.shear import Shear
-from flashtemp.material import LIBRARY
-from flashtemp.viz import mu as picture
+from flashtemp.model.case import load
+from flashtemp.physics.friction import flash_temperature, friction_curves, persson, rheology, roughness_spectrum
+from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.friction.curve_peak import highest
+from flashtemp.physics.material import LIBRARY
+from flashtemp.viz import friction_curves as picture
 
-A, RUBBER, SPOTS = rheology.READY["A"], LIBRARY["tread_rubber"], hot.Spots(3e-3)
-ASPHALT = persson.Theory(A, roughness.READY["asphalt A"], shear=Shear(4e6))
-CONCRETE = persson.Theory(A, roughness.READY["concrete B"], shear=Shear(4e6))
+A, RUBBER, SPOTS = rheology.READY["A"], LIBRARY["tread_rubber"], flash_temperature.Spots(3e-3)
+ASPHALT = persson.Theory(A, roughness_spectrum.READY["asphalt A"], shear=Shear(4e6))
+CONCRETE = persson.Theory(A, roughness_spectrum.READY["concrete B"], shear=Shear(4e6))
 C8, C20 = 281.15, 293.15
 SLOPE = Path(__file__).parents[1] / "cases" / "slope_tester"
 
 
 @pytest.fixture(scope="module")
 def asphalt():
-    return curves.curves(ASPHALT, RUBBER, SPOTS, curves.SPEEDS, C20, 1.5e5)
+    return friction_curves.curves(ASPHALT, RUBBER, SPOTS, friction_curves.SPEEDS, C20, 1.5e5)
 
 
 @pytest.fixture(scope="module")
 def concrete():
-    return curves.curves(CONCRETE, RUBBER, SPOTS, curves.SPEEDS, C8, 1e5)
+    return friction_curves.curves(CONCRETE, RUBBER, SPOTS, friction_curves.SPEEDS, C8, 1e5)
 
 
 def test_branches_and_contact_are_the_theorys(asphalt):
     v = asphalt.speed
     np.testing.assert_allclose(v[[0, -1]], [1e-6, 10.0])
-    cold, warm = hot.branches(ASPHALT, RUBBER, SPOTS, v[::20], C20, 1.5e5)
+    cold, warm = flash_temperature.branches(ASPHALT, RUBBER, SPOTS, v[::20], C20, 1.5e5)
     np.testing.assert_allclose(asphalt.cold.mu[::20], cold.mu)
     np.testing.assert_allclose(asphalt.hot.viscous[::20], warm.viscous, rtol=1e-6)
     np.testing.assert_allclose(asphalt.area, ASPHALT(v, C20, 1.5e5).area)
@@ -51,14 +51,14 @@ def test_branches_and_contact_are_the_theorys(asphalt):
 
 
 def test_adhesive_part_of_the_hot_branch_feels_the_shortest_waves(asphalt):
-    found, T = hot.hot(ASPHALT, RUBBER, SPOTS, 10.0, C20, 1.5e5)
+    found, T = flash_temperature.hot(ASPHALT, RUBBER, SPOTS, 10.0, C20, 1.5e5)
     assert T[-1] == pytest.approx(T.max(), abs=1e-3)
     assert asphalt.hot.adhesive[-1] == pytest.approx(float(ASPHALT.shear(10.0, T[-1]) * found.area / 1.5e5), rel=1e-5)
 
 
 def test_table_over_temperature(asphalt):
     assert asphalt.mu.shape == (60, 40)
-    assert asphalt.T[0] == pytest.approx(C20 - curves.COOLER)
+    assert asphalt.T[0] == pytest.approx(C20 - friction_curves.COOLER)
     for v, known in ((0.1, [0.506, 0.450, 0.429, 0.357]), (1.0, [0.619, 0.494, 0.453, 0.436])):
         for T, mu in zip((20.0, 40.0, 60.0, 80.0), known, strict=True):
             at = asphalt.dataset().mu.assign_coords(speed=np.log(asphalt.speed)).interp(speed=np.log(v), temperature=T)
@@ -70,7 +70,7 @@ def test_table_over_temperature(asphalt):
 )
 def test_table_ends_where_the_shift_factors_do(reach, T0, low, high):
     rubber = rheology.Rubber(A.modulus, rheology.Shifts(reach, (0.0, -1.0)))
-    T = curves._temperatures(persson.Theory(rubber, roughness.READY["asphalt A"]), T0)
+    T = friction_curves._temperatures(persson.Theory(rubber, roughness_spectrum.READY["asphalt A"]), T0)
     assert (T[0], T[-1]) == pytest.approx((low, high))
 
 
@@ -80,7 +80,7 @@ def test_depth_of_the_heat(asphalt):
     assert 0.5 / np.array(asphalt.depths.at(0.1)) == pytest.approx([6.6e3, 2.9e5, 1.75e6], rel=0.01)
     q = 0.5 / np.array(asphalt.depths.at(10.0))
     found = ASPHALT(10.0, C20, 1.5e5)
-    for share, cut in zip(curves.SHARES, q, strict=True):
+    for share, cut in zip(friction_curves.SHARES, q, strict=True):
         below = float(np.interp(cut, found.q, ASPHALT.up_to(found.density)))
         assert below / float(found.viscous) == pytest.approx(share, abs=0.01)
     assert np.all(np.diff(asphalt.depths.deeper) >= 0)
@@ -108,19 +108,19 @@ def test_peak_of_a_parabola_in_the_logarithm():
 )
 def test_constant_force_holds_the_rising_branch_only(mu, holds):
     """C9."""
-    assert curves.held(np.array(mu, dtype=float)).tolist() == holds
+    assert friction_curves.held(np.array(mu, dtype=float)).tolist() == holds
 
 
 def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
     """C9: below the maximum; all of it where the maximum does not lie inside."""
     for branch in concrete.branches.values():
         top = highest(concrete.speed, branch.mu)
-        on = curves.held(branch.mu)
+        on = friction_curves.held(branch.mu)
         assert 0.02 < top.at < 0.5
         assert np.all(on[concrete.speed < 0.9 * top.at])
         assert not np.any(on[concrete.speed > 1.2 * top.at])
     assert highest(asphalt.speed, asphalt.cold.mu).last
-    assert curves.held(asphalt.cold.mu).all()
+    assert friction_curves.held(asphalt.cold.mu).all()
     assert not highest(asphalt.speed, asphalt.hot.mu).edge
     assert asphalt.as_dict()["maximum"].keys() == {"cold", "hot"}
     assert asphalt.as_dict()["maximum"]["hot"].keys() == {"speed", "mu"}
@@ -131,16 +131,18 @@ def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
 
 @pytest.mark.parametrize(("v", "says"), [([3.0, 10.0], "holds none of it"), ([1e-6, 1e-4], "reaches all of it")])
 def test_words_for_branches_without_a_maximum(v, says):
-    found = curves.curves(CONCRETE, RUBBER, SPOTS, np.geomspace(*v, 8), C8, 1e5)
+    found = friction_curves.curves(CONCRETE, RUBBER, SPOTS, np.geomspace(*v, 8), C8, 1e5)
     assert f"{says}" in str(found)
     assert found.as_dict()["maximum"]["cold"] is None
 
 
 def test_shift_moves_the_ridge(concrete):
     """C10: the maximum of the viscoelastic part moves by the factor that is told, with temperature in the table too."""
-    plain = curves.curves(persson.Theory(A, CONCRETE.road), RUBBER, SPOTS, np.geomspace(1e-6, 1e3, 80), C8, 1e5)
+    plain = friction_curves.curves(
+        persson.Theory(A, CONCRETE.road), RUBBER, SPOTS, np.geomspace(1e-6, 1e3, 80), C8, 1e5
+    )
     v = plain.ridge()
-    at = np.exp(np.interp([C8, C8 + curves.STEP], plain.T, np.log(v)))
+    at = np.exp(np.interp([C8, C8 + friction_curves.STEP], plain.T, np.log(v)))
     assert at[1] / at[0] == pytest.approx(plain.shift[0], rel=0.05)
     assert plain.shift[1] is None
     assert concrete.shift == pytest.approx((240, 171), rel=0.01)
@@ -157,7 +159,7 @@ def test_remarks_tell_what_lies_outside(asphalt, concrete):
     assert ["contact fractions up to" in r for r in concrete.remarks] == [True]
     short = rheology.Measured((1e-4, 1e4), (1e7, 1e8), (2e6, 5e7))
     rubber = rheology.Rubber(short, rheology.Shifts((283.15, 303.15), (1.0, -1.0)))
-    said = curves.curves(
+    said = friction_curves.curves(
         persson.Theory(rubber, ASPHALT.road), RUBBER, SPOTS, np.geomspace(1e-2, 10, 5), C20, 1.5e5
     ).remarks
     assert any("beyond the master curve" in r for r in said)
@@ -204,7 +206,9 @@ def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
 
 def test_files_of_the_case_come_along(tmp_path):
     q = np.geomspace(250.0, 1e6, 20)
-    np.savetxt(tmp_path / "C.csv", np.c_[q, roughness.READY["asphalt A"](q)], delimiter=",", header="q,C", comments="")
+    np.savetxt(
+        tmp_path / "C.csv", np.c_[q, roughness_spectrum.READY["asphalt A"](q)], delimiter=",", header="q,C", comments=""
+    )
     (tmp_path / "case.toml").write_text(
         'effects = ["persson_friction"]\n[contact]\npressure = [[0.0, 1e5], [5.0, 3e5]]\n'
         '[persson_friction]\nspectrum = "C.csv"\nhighest = 1e6\n'
@@ -254,7 +258,7 @@ def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys):
 @pytest.mark.parametrize("wrong", [np.nan, -1e-6])
 def test_friction_that_is_no_number_is_refused(wrong, tmp_path, capsys, monkeypatch, concrete):
     spoilt = replace(concrete, mu=np.where(np.arange(40) == 7, wrong, concrete.mu))
-    monkeypatch.setattr(curves, "curves", lambda *a: spoilt)
+    monkeypatch.setattr(friction_curves, "curves", lambda *a: spoilt)
     assert main(["friction", str(SLOPE), "--out", str(tmp_path / "out")]) == 2
     assert "around 8 degC; check" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -304,7 +308,7 @@ FOUND = {
 @pytest.mark.parametrize("name", FOUND)
 def test_picture_has_units_and_no_overlaps(name):
     theory, T0, p, ends = FOUND[name]
-    fig = picture.draw(curves.curves(theory, RUBBER, SPOTS, np.geomspace(*ends, 30), T0, p), name)
+    fig = picture.draw(friction_curves.curves(theory, RUBBER, SPOTS, np.geomspace(*ends, 30), T0, p), name)
     canvas = FigureCanvasAgg(fig)
     canvas.draw()
     renderer = canvas.get_renderer()

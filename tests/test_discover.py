@@ -23,17 +23,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp import campaign, conclude, fit, look, study
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.discover import Search
-from flashtemp.effect import catalogue, find
+from flashtemp.cli.terminal import finite
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.discovery import calibration, discover, prediction, problem
+from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.search import Search
+from flashtemp.discovery.verdict import KINDS
 from flashtemp.errors import BadInput
-from flashtemp.gram import System
-from flashtemp.terminal import finite
-from flashtemp.twin import SEALED, Plan, twin
-from flashtemp.verdict import KINDS
-from flashtemp.workers import crew
+from flashtemp.model.case import load
+from flashtemp.physics.effect import catalogue, find
+from flashtemp.runs.workers import crew
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {
@@ -165,7 +166,7 @@ def work_through(job: tuple[str, str]) -> str:
         if hidden.change:
             told = globals()[hidden.change](told, folder, hidden)
         try:
-            verdict, _ = conclude.discover(told, workers=1)
+            verdict, _ = discover.discover(told, workers=1)
         except BadInput as fault:
             (folder / "refused.txt").write_text(str(fault))
             return f"{name}: refused: {fault}"
@@ -439,9 +440,9 @@ def tiny(tmp_path_factory):
 
 
 def calibrated(told):
-    with crew(look.look, 1) as run:
-        own = study.prepare(told, run)
-        search = Search(own, study.Data(own), lambda text: None)
+    with crew(prediction.look, 1) as run:
+        own = problem.prepare(told, run)
+        search = Search(own, problem.Data(own), lambda text: None)
         search.calibrate()
     return search.base
 
@@ -469,29 +470,29 @@ def whitened_wrong(values, level):
 
 def first_order(monkeypatch):
     """Images moved along their slope instead of as they are."""
-    exact = look.observe
+    exact = prediction.observe
 
     def sloped(run, scene, recording, acting=(), shift=(0.0, 0.0), change=0.0):
         out = exact(run, scene, recording, acting, (0.0, 0.0), change)
         for axis in (0, 1):
             if shift[axis]:
-                step = exact(run, scene, recording, acting, 1j * look.STEP * np.eye(2)[axis]).temperature.imag
-                out = replace(out, temperature=out.temperature + shift[axis] * step / look.STEP)
+                step = exact(run, scene, recording, acting, 1j * prediction.STEP * np.eye(2)[axis]).temperature.imag
+                out = replace(out, temperature=out.temperature + shift[axis] * step / prediction.STEP)
         return out
 
-    monkeypatch.setattr(look, "observe", sloped)
+    monkeypatch.setattr(prediction, "observe", sloped)
 
 
 def once_only(monkeypatch):
     """The first linearisation taken for the last, with a certificate all the same."""
-    take = fit.Descent.take
+    take = calibration.Descent.take
 
     def hasty(self, looks):
         take(self, looks)
         self.history[:] = [0.0]
         self.fit = replace(self.fit, history=(0.0,))
 
-    monkeypatch.setattr(fit.Descent, "take", hasty)
+    monkeypatch.setattr(calibration.Descent, "take", hasty)
 
 
 def without_mean(monkeypatch):
@@ -504,7 +505,7 @@ def without_mean(monkeypatch):
 
 
 MUTANTS = {
-    "whitening": lambda m: m.setattr(study, "whiten", whitened_wrong),
+    "whitening": lambda m: m.setattr(problem, "whiten", whitened_wrong),
     "registration to first order": first_order,
     "no second linearisation": once_only,
     "priors without their mean": without_mean,
@@ -526,13 +527,13 @@ def test_a_broken_engine_does_not(tiny, monkeypatch, name):
 
 def test_no_certificate_no_verdict(tiny, monkeypatch, tmp_path):
     """A calibration that may look once only does not converge: no cause is given, and it says why."""
-    monkeypatch.setattr(fit, "TRIES", 1)
-    verdict, search = conclude.discover(tiny[0], workers=1)
+    monkeypatch.setattr(calibration, "TRIES", 1)
+    verdict, search = discover.discover(tiny[0], workers=1)
     told = finite(verdict.as_dict())
     assert (told["verdict"], told["causes"]) == ("no_verdict", [])
     assert told["certificate"]["converged"] is False
     assert "did not converge" in told["says"][0]
-    conclude.write_extended(search, verdict, tmp_path)
+    discover.write_extended(search, verdict, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

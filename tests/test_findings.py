@@ -10,13 +10,21 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
-from flashtemp import findings
 from flashtemp.camera.recording import Recording
-from flashtemp.campaign import View
-from flashtemp.compare import Seeing
-from flashtemp.residual import Noise, lag_one, structured, whiten
-from flashtemp.verdict import KINDS, Cause, Estimate, Fitness, Missing, Pull, Rival, Test, Verdict
-from flashtemp.viz import causes, discovery, evidence, gain, missing, pairs, wrong
+from flashtemp.comparison.campaign import View
+from flashtemp.comparison.compare import Seeing
+from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
+from flashtemp.discovery.verdict import KINDS, Cause, Estimate, Fitness, Missing, Pull, Rival, Test, Verdict
+from flashtemp.viz import (
+    before_after,
+    candidates,
+    difference,
+    discovery,
+    missing_heat,
+    verdict_parts,
+    verdict_report,
+    whitened_maps,
+)
 
 Test.__test__ = False  # a class of the verdict, not one of pytest
 TITLE = 'run-in <script>alert(1)</script> & "more" $5'
@@ -259,7 +267,7 @@ def pages(tmp_path_factory):
     folder, out = tmp_path_factory.mktemp("findings"), {}
     for kind in KINDS:
         path = folder / f"{kind}.html"
-        assert findings.write(verdict(kind, 1), path) == path
+        assert verdict_report.write(verdict(kind, 1), path) == path
         html = path.read_text(encoding="utf-8")
         out[kind] = html, Reader(html)
     assert len(list(folder.iterdir())) == len(KINDS)
@@ -287,11 +295,11 @@ def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_answer_comes_first(pages, kind):
     _, reader = pages[kind]
-    first = reader.text.index(findings.ANSWER[kind][0])
+    first = reader.text.index(verdict_report.ANSWER[kind][0])
     says = [reader.text.index(line) for line in verdict(kind).says]
     sections = [reader.text.find(h) for h in ("1. ", "Certificate of convergence", "Warnings") if h in reader.text]
     assert first < min(says) <= max(says) < min(sections)
-    assert findings.ANSWER[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
+    assert verdict_report.ANSWER[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
 
 
 def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
@@ -327,12 +335,12 @@ def test_kinds_read_as_they_are(pages):
     assert "How to read" not in text
     assert "wake_1.nc: the noise was <estimated>" in text
     two = replace(CAUSE, effect="third_body", words="")
-    assert "2 causes are named" in findings.text(verdict("named", causes=(CAUSE, two), before=(), after=()))
+    assert "2 causes are named" in verdict_report.text(verdict("named", causes=(CAUSE, two), before=(), after=()))
 
 
 def test_a_verdict_without_anything_is_still_a_page():
     for kind in KINDS:
-        reader = Reader(findings.text(Verdict(TITLE, kind, ())))
+        reader = Reader(verdict_report.text(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
         assert "None was issued" in reader.text
 
@@ -372,19 +380,19 @@ def test_files_are_named_by_what_they_show(tmp_path):
 
 def test_the_worst_conditions_are_drawn_and_said():
     v = verdict("named", 6)
-    drawn = pairs.shown(v)
+    drawn = verdict_parts.shown(v)
     assert len(drawn) == 4
-    sizes = [max(pairs.difference(p) for p in g) for g in pairs.every(v)]
-    assert sorted(max(pairs.difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
-    assert pairs.choice(v).startswith("Drawn are the 4 of 6 conditions")
-    assert pairs.choice(v) in Reader(findings.text(v)).text
+    sizes = [max(verdict_parts.difference(p) for p in g) for g in verdict_parts.every(v)]
+    assert sorted(max(verdict_parts.difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
+    assert verdict_parts.choice(v).startswith("Drawn are the 4 of 6 conditions")
+    assert verdict_parts.choice(v) in Reader(verdict_report.text(v)).text
     assert "ambient" not in drawn[0][0].words
-    assert pairs.choice(verdict("named", 2)) == ""
+    assert verdict_parts.choice(verdict("named", 2)) == ""
 
 
 def test_images_and_lines_are_those_of_the_recordings():
     v = verdict("named", 1)
-    fig = wrong.draw(v)
+    fig = difference.draw(v)
     s = v.before[0]
     k = int(np.argmin(np.abs(TIME - s.largest.time)))
     measured, computed, off, lines = fig.subfigs[0].axes[:4]
@@ -401,7 +409,7 @@ def test_images_and_lines_are_those_of_the_recordings():
 
 
 def test_means_over_frames_are_white_where_only_noise_is_left():
-    flat = np.concatenate([pairs.means(s).ravel() for s in recordings(6)[1]])
+    flat = np.concatenate([verdict_parts.means(s).ravel() for s in recordings(6)[1]])
     flat = flat[np.isfinite(flat)]
     assert np.std(flat) == pytest.approx(1.0, abs=0.05)
     assert np.abs(np.mean(flat)) < 0.05
@@ -410,17 +418,17 @@ def test_means_over_frames_are_white_where_only_noise_is_left():
 def test_profiles_and_single_repetitions_are_drawn():
     a, b = zip(both("profile"), both("profile", {"schedule.speed": 0.5}, seed=2, held=True), strict=True)
     v = verdict("named", before=a, after=b)
-    for fig in (wrong.draw(v), evidence.draw(v), gain.draw(v)):
+    for fig in (difference.draw(v), whitened_maps.draw(v), before_after.draw(v)):
         render(fig)
     alone = verdict("named", missing=(lacks("as in the case", repetitions=(1,)),))
-    assert len(render(missing.draw(alone)).axes) == 2
+    assert len(render(missing_heat.draw(alone)).axes) == 2
 
 
 def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
     v = verdict("named")
-    flux, pressure = missing.draw(v).axes[:2]
+    flux, pressure = missing_heat.draw(v).axes[:2]
     m = v.missing[0]
-    hidden = int((m.resolution < missing.LEAST).sum())
+    hidden = int((m.resolution < missing_heat.LEAST).sum())
     assert hidden > 0
     assert len(flux.patches) == len(pressure.patches) == hidden
     top = flux.collections[0].get_paths()[0].vertices[:, 1].max()
@@ -429,15 +437,15 @@ def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
 
 def test_all_scores_are_drawn_with_the_alarm_level():
     v = verdict("named")
-    ax = causes.why(v).axes[0]
+    ax = candidates.why(v).axes[0]
     assert sorted(p.get_width() for p in ax.patches) == sorted([CAUSE.ln_bayes, *(r.score for r in RIVALS)])
-    assert any(set(line.get_xdata()) == {causes.ALARM} for line in ax.lines)
-    assert to_hex(ax.patches[0].get_facecolor()) == causes.ACCEPTED.lower()
+    assert any(set(line.get_xdata()) == {candidates.ALARM} for line in ax.lines)
+    assert to_hex(ax.patches[0].get_facecolor()) == candidates.ACCEPTED.lower()
     assert ax.get_xscale() == "symlog"
-    kinds = {to_hex(p.get_edgecolor()) for p in causes.why(verdict("group")).axes[0].patches}
-    assert causes.ALIKE.lower() in kinds
+    kinds = {to_hex(p.get_edgecolor()) for p in candidates.why(verdict("group")).axes[0].patches}
+    assert candidates.ALIKE.lower() in kinds
     twice = replace(v, rivals=(*RIVALS, Rival("edge_pressure", 3139.0, 0.8, "accepted")))
-    assert len(causes.why(twice).axes[0].patches) == 1 + len(RIVALS)
+    assert len(candidates.why(twice).axes[0].patches) == 1 + len(RIVALS)
 
 
 def test_extreme_numbers_are_drawn():
@@ -447,16 +455,16 @@ def test_extreme_numbers_are_drawn():
     )
     pulls = tuple(Pull(f"gain, file_{i}.nc", 1.0, 0.1, 40.0 * (-1) ** i) for i in range(40))
     v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
-    render(causes.why(v))
-    fig = render(causes.alternatives(v))
+    render(candidates.why(v))
+    fig = render(candidates.alternatives(v))
     assert "24 of 40" in fig.axes[0].get_title(loc="left")
     same = Fitness(0.0701, 1.066, 0.071, 1.0)
     close = replace(same, rmse_K=0.0659)
-    render(gain.draw(verdict("named", base=same, extended=close, shifts=())))
+    render(before_after.draw(verdict("named", base=same, extended=close, shifts=())))
 
 
 def test_what_was_not_tried_has_no_bar_and_no_score():
     v = verdict("unexplained", 1, rivals=(*RIVALS, Rival("spots", 0.0, 0.0, "not tried: the case has no spots")))
-    assert len(causes.why(v).axes[0].patches) == len(RIVALS)
-    row = next(r for r in Reader(findings.text(v)).table("candidate") if r[0] == "spots")
+    assert len(candidates.why(v).axes[0].patches) == len(RIVALS)
+    row = next(r for r in Reader(verdict_report.text(v)).table("candidate") if r[0] == "spots")
     assert row[1:4] == ["–", "–", "not tried"]

@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp import campaign
-from flashtemp.case import load
-from flashtemp.discover import Search
-from flashtemp.effect import find
-from flashtemp.fit import ENOUGH, Descent, descend, extra
-from flashtemp.look import look
-from flashtemp.model import Model
-from flashtemp.study import Data, prepare
-from flashtemp.twin import SEALED, Plan, twin
-from flashtemp.workers import crew
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.discovery.calibration import ENOUGH, Descent, descend, extra
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.prediction import look
+from flashtemp.discovery.problem import Data, prepare
+from flashtemp.discovery.search import Search
+from flashtemp.model.case import load
+from flashtemp.physics.effect import find
+from flashtemp.runs.workers import crew
 
 KNOWN_WELL = ("friction.mu", "contact.spot_fraction")  # what shows clearly in a few seconds of sliding
 SMALL = {
@@ -110,7 +110,7 @@ def test_what_was_drawn_is_found_again(two):
 
 def test_predictions_at_the_best_point_leave_noise(two):
     """Each recording by itself, with what its own nuisances explain."""
-    from flashtemp.gram import residual
+    from flashtemp.discovery.linear_gaussian import residual
 
     for block in two.search.base.blocks:
         left = residual(block, two.search.base.solution)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from flashtemp.errors import SolverFailure
-from flashtemp.foundation import Foundation
 from flashtemp.meshes.grading import two_sided
+from flashtemp.solver.winkler import Foundation
 
 L, K_N, MEAN, LOAD = 0.025, 1.4e9, 1.5e5, 1.5e5 * 0.025
 EDGES = two_sided(L, 3e-5, 6e-5, 56, 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flashtemp.gram import Block, System, residual
+from flashtemp.discovery.linear_gaussian import Block, System, residual
 
 PRIORS = {
     "mu": (0.3, 0.5), "phi": (-0.2, 0.8), "level|0": (0.0, 0.2), "level|1": (0.1, 0.3), "shift|a": (0.4, 1.5),

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.camera import geometry, importing, recording, template
+from flashtemp.camera import geometry, import_options, importing, recording
+from flashtemp.camera.import_options import Facts
 from flashtemp.camera.radiometry import ObjectParameters, Planck, reapply
-from flashtemp.camera.template import Facts
 from flashtemp.errors import BadInput
 
 ROWS, COLUMNS, PITCH = 30, 50, 0.5  # mm per pixel
@@ -366,7 +366,7 @@ def test_template_is_complete_and_readable(tmp_path, capsys):
     assert set(raw) == {*vars(Facts()), "files", "out"}
     path = tmp_path / "all.toml"
     path.write_text(re.sub(r"^# (?=\w+ = )", "", text, flags=re.MULTILINE))
-    _, _, facts = template.load(path)
+    _, _, facts = import_options.load(path)
     assert facts.pixel == (12.0, 200.0)
     assert facts.mask == tmp_path / "mask.csv"
     assert facts.was == {"emissivity": 0.95, "reflected": 20.0}

@@ -15,10 +15,12 @@ import pytest
 import xarray as xr
 
 import flashtemp
-from flashtemp import job
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.cvode import Integrator, Tolerance, available
+from flashtemp.api.simulation import resume, simulate
+from flashtemp.model.case import load
+from flashtemp.model.numerics import available
+from flashtemp.runs import job
+from flashtemp.solver.cvode import Integrator, Tolerance
 
 SMALL = {
     "effects": ["track_memory", "friction_softening"],
@@ -45,7 +47,7 @@ def folder(tmp_path_factory):
 def result(folder, tmp_path_factory):
     """A whole result folder and its Run."""
     out = tmp_path_factory.mktemp("out") / "small"
-    run = job.simulate(load(folder, SMALL), out, pvd=True)
+    run = simulate(load(folder, SMALL), out, pvd=True)
     return out, run
 
 
@@ -80,7 +82,7 @@ def test_files_of_the_contract(result):
 
 def test_result_can_be_run_again_from_what_it_holds(result, tmp_path):
     out, run = result
-    again = job.simulate(load(out), tmp_path / "again")
+    again = simulate(load(out), tmp_path / "again")
     np.testing.assert_array_equal(again.T_block, run.T_block)
 
 
@@ -143,14 +145,14 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
     out.mkdir()
     (out / "precious.txt").write_text("mine")
     with pytest.raises(flashtemp.BadInput, match="exists"):
-        job.simulate(load(folder, SMALL), out)
+        simulate(load(folder, SMALL), out)
     with pytest.raises(flashtemp.BadInput, match="no result of flashtemp"):
-        job.simulate(load(folder, SMALL), out, overwrite=True)
+        simulate(load(folder, SMALL), out, overwrite=True)
     assert (out / "precious.txt").read_text() == "mine"
     again = tmp_path / "again"
-    job.simulate(load(folder, SMALL), again)
+    simulate(load(folder, SMALL), again)
     (again / "note.txt").write_text("old")
-    job.simulate(load(folder, SMALL), again, overwrite=True)
+    simulate(load(folder, SMALL), again, overwrite=True)
     assert (again / "run.nc").exists()
     assert not (again / "note.txt").exists()
     assert {p.name for p in tmp_path.iterdir()} == {"out", "again"}
@@ -159,12 +161,12 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
 def test_two_runs_into_one_folder_do_not_meet(folder, tmp_path):
     def intrude(progress, end):
         with pytest.raises(flashtemp.BadInput, match="another run"):
-            job.simulate(load(folder, SMALL), tmp_path / "out", overwrite=True)
+            simulate(load(folder, SMALL), tmp_path / "out", overwrite=True)
         watched.append(progress.t)
 
     watched = []
     short = SMALL | {"schedule.repetitions": 1, "schedule.distance": 0.01}
-    job.simulate(load(folder, short), tmp_path / "out", watch=intrude)
+    simulate(load(folder, short), tmp_path / "out", watch=intrude)
     assert watched
     assert (tmp_path / "out" / "run.nc").exists()
 
@@ -174,23 +176,23 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
         os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        job.simulate(load(folder, SMALL), tmp_path / "out", watch=stop)
+        simulate(load(folder, SMALL), tmp_path / "out", watch=stop)
     case = tmp_path / "out.partial" / "case.toml"
     text = case.read_text()
     case.write_text(text.replace("mesh = 0.4", "mesh = 0.5"))
     with pytest.raises(flashtemp.BadInput, match="was changed"):
-        job.resume(tmp_path / "out")
+        resume(tmp_path / "out")
     case.write_text(text)
     checkpoint = tmp_path / "out.partial" / job.CHECKPOINT
     checkpoint.write_bytes(checkpoint.read_bytes()[:500])
     with pytest.raises(flashtemp.BadInput, match="damaged"):
-        job.resume(tmp_path / "out")
+        resume(tmp_path / "out")
 
 
 def test_a_failure_leaves_nothing(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(job.export, "write", lambda *a: 1 / 0)
+    monkeypatch.setattr(job.vtk, "write", lambda *a: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        job.simulate(load(folder, SMALL), tmp_path / "out")
+        simulate(load(folder, SMALL), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -208,12 +210,12 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        job.simulate(load(folder, SMALL), out, watch=stop)
+        simulate(load(folder, SMALL), out, watch=stop)
     assert not out.exists()
     assert (tmp_path / "out.partial" / job.CHECKPOINT).exists()
     with pytest.raises(flashtemp.BadInput, match="--resume"):
-        job.simulate(load(folder, SMALL), out)
-    run = job.resume(out)
+        simulate(load(folder, SMALL), out)
+    run = resume(out)
     assert out.exists()
     assert not (tmp_path / "out.partial").exists()
     np.testing.assert_array_equal(run.time, whole.time)
@@ -222,7 +224,7 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
     np.testing.assert_allclose(run.friction_per_repetition, whole.friction_per_repetition, rtol=1e-5)
     assert run.energy_imbalance < 1e-10
     with pytest.raises(flashtemp.BadInput, match="already whole"):
-        job.resume(out)
+        resume(out)
 
 
 def test_ctrl_c_at_the_command_line(folder, tmp_path):
@@ -255,7 +257,7 @@ def test_ctrl_c_at_the_command_line(folder, tmp_path):
 @pytest.mark.skipif(len(available()) < 2, reason="one CVODE binding on this machine")
 def test_both_bindings_give_the_same_answer(folder):
     first, second = (
-        job.simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in available()
+        simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in available()
     )
     rise = np.abs(first.T_block - 20.0).max()
     # columns of the track are kept at solver steps, linear between: 8e-5 whatever rtol is
@@ -306,7 +308,7 @@ def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
     def look(progress, end):
         kept.append((tmp_path / "out.partial" / job.CHECKPOINT).exists())
 
-    job.simulate(load(folder, SMALL), tmp_path / "out", watch=look)
+    simulate(load(folder, SMALL), tmp_path / "out", watch=look)
     assert any(kept)
     assert not (tmp_path / "out" / job.CHECKPOINT).exists()
 
@@ -318,7 +320,7 @@ def test_audit_closes_while_the_contact_fraction_changes(folder, rtol):
         "contact.spot_exponent": 1.0,
         "numerics.rtol": rtol,
     }
-    run = job.simulate(load(folder, SMALL | change))
+    run = simulate(load(folder, SMALL | change))
     assert run.energy_imbalance < 1e-12
     assert 0 < run.partition_error < rtol
 

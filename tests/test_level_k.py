@@ -7,11 +7,11 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from flashtemp import build, load
-from flashtemp.case import settings
-from flashtemp.friction import hot, table
-from flashtemp.friction.block import Sliding
-from flashtemp.march import march
-from flashtemp.theories import theory_of
+from flashtemp.model.case import settings
+from flashtemp.model.theories import theory_of
+from flashtemp.physics.friction import flash_temperature, friction_table
+from flashtemp.physics.friction.kernel_block import Sliding
+from flashtemp.solver.march import march
 
 CALM = {  # what Level K leaves out: conduction along the block, cooling by air
     "conductivity_anisotropy.excess": -0.9,
@@ -65,7 +65,7 @@ def test_friction_of_the_theory(case, speed):
 
     def exact(scene):
         theory = theory_of(case("persson_friction"))[1].p.theory
-        felt = table.flash_share(theory.q, scene.block, 3e-3, speed)
+        felt = friction_table.flash_share(theory.q, scene.block, 3e-3, speed)
         return lambda spot, face: theory(speed, face[:, None] + (spot - face)[:, None] * felt, P, spot).mu
 
     run, kernel = both(case, speed, ("persson_friction",), exact, **{"persson_friction.in_depth": False})
@@ -89,8 +89,10 @@ def test_hot_branch(case, speed):
     face = run.T_block[-1][len(run.x) // 2] + 273.15
     theory = acting.p.theory
     phi = float(theory.contact(2 * np.pi / 3e-3, speed, AIR, P))
-    spots = hot.Spots(3e-3, phi / (1.0 - phi))  # what the passing of spots has left is in the face's temperature
-    found, T = hot.hot(theory, scene.block, spots, speed, face, P)
+    spots = flash_temperature.Spots(
+        3e-3, phi / (1.0 - phi)
+    )  # what the passing of spots has left is in the face's temperature
+    found, T = flash_temperature.hot(theory, scene.block, spots, speed, face, P)
     assert run.friction[-1] == pytest.approx(float(found.mu), rel=8e-3)
     assert found.mu < 0.8 * theory(speed, face, P).mu
     # heat nearer than 4 um counts as released at the contact, which warms it a little more

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.case import build, load, settings
-from flashtemp.loads import HEATING, NAMES, Asked, Loads, attribute, friction_of
-from flashtemp.march import march
-from flashtemp.theories import theory_of
+from flashtemp.model.case import build, load, settings
+from flashtemp.model.theories import theory_of
+from flashtemp.runs.load_dependence import HEATING, NAMES, Asked, Loads, attribute, friction_of
+from flashtemp.solver.march import march
 from flashtemp.viz import loads as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "mu_of_p"

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.operator import ABOVE, WAKE
+from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.synthetic import blank
-from flashtemp.campaign import View
-from flashtemp.case import assemble, build
-from flashtemp.compare import window
-from flashtemp.keys import Places
+from flashtemp.comparison.campaign import View
+from flashtemp.comparison.compare import window
 from flashtemp.meshes.grading import geometric
+from flashtemp.model.case import assemble, build
+from flashtemp.model.schema import Places
 
 
 def case(tmp_path, **given):

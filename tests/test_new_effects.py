@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flashtemp.balance import Balance
-from flashtemp.effect import Heat, find
-from flashtemp.effects.radiation import SIGMA
-from flashtemp.mesh import Mesh
-from flashtemp.stage import Stage
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.physics.effect import Heat, find
+from flashtemp.physics.effects.radiation import SIGMA
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.system import Stage
 
 L, H = 0.025, 0.002
 SMALL = {

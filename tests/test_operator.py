@@ -10,14 +10,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from flashtemp.camera.operator import Instrument, observe, pixel_weights, wall_cooling
+from flashtemp.camera.observation import Instrument, observe, pixel_weights, wall_cooling
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
-from flashtemp.case import build, settings
-from flashtemp.effect import find
-from flashtemp.march import march
-from flashtemp.mesh import Mesh
-from flashtemp.scene import Acting
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.case import build, settings
+from flashtemp.model.scene import Acting
+from flashtemp.physics.effect import find
+from flashtemp.solver.march import march
 
 L, H, W = 0.025, 0.007, 0.05
 

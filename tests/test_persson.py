@@ -10,16 +10,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flashtemp import case as cases
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.friction import hot, inputs, kernel, persson, rheology, roughness, table
-from flashtemp.friction.shear import Shear
-from flashtemp.march import march
-from flashtemp.material import LIBRARY
+from flashtemp.model import case as cases
+from flashtemp.physics.friction import (
+    flash_temperature,
+    friction_table,
+    heat_kernels,
+    persson,
+    rheology,
+    roughness_spectrum,
+    theory_inputs,
+)
+from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.material import LIBRARY
+from flashtemp.solver.march import march
 
-A, ASPHALT, CONCRETE = rheology.READY["A"], roughness.READY["asphalt A"], roughness.READY["concrete B"]
-RUBBER, SPOTS = LIBRARY["tread_rubber"], hot.Spots(3e-3)
+A, ASPHALT, CONCRETE = (
+    rheology.READY["A"],
+    roughness_spectrum.READY["asphalt A"],
+    roughness_spectrum.READY["concrete B"],
+)
+RUBBER, SPOTS = LIBRARY["tread_rubber"], flash_temperature.Spots(3e-3)
 VISCOUS = persson.Theory(A, ASPHALT)
 WHOLE = persson.Theory(A, ASPHALT, shear=Shear(4e6))
 KELVIN, P = 273.15, 1.5e5
@@ -122,13 +134,13 @@ def test_total_friction_over_temperature():
 
 def test_hot_branch():
     v = [1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0]
-    cold, warm = hot.branches(VISCOUS, RUBBER, SPOTS, v, C20, P)
+    cold, warm = flash_temperature.branches(VISCOUS, RUBBER, SPOTS, v, C20, P)
     np.testing.assert_allclose(cold.viscous, [0.0995, 0.2377, 0.4282, 0.5166, 0.5985, 0.6507, 0.6747], rtol=1e-3)
     np.testing.assert_allclose(warm.viscous, [0.0974, 0.2145, 0.3234, 0.3496, 0.3553, 0.3445, 0.3259], rtol=1e-3)
     np.testing.assert_allclose(warm.T - KELVIN, [20.3, 22.2, 30.4, 39.3, 55.1, 77.1, 112.6], atol=0.1)
     ratio = warm.viscous / cold.viscous
     np.testing.assert_allclose(ratio[[0, 2]], [0.979, 0.755], atol=1e-3)  # C11
-    cold, warm = hot.branches(VISCOUS, RUBBER, SPOTS, [1.0], C80, P)
+    cold, warm = flash_temperature.branches(VISCOUS, RUBBER, SPOTS, [1.0], C80, P)
     assert [float(cold.viscous[0]), float(warm.viscous[0])] == pytest.approx([0.142, 0.115], abs=6e-4)
 
 
@@ -138,12 +150,12 @@ def test_hot_branch():
 )
 def test_kernel(q, other, age, known):
     """V4, and that what heats and what feels may change places."""
-    assert_digits(kernel.kernel(2 * q, 2 * other, RUBBER.diffusivity * age), known)
-    assert_digits(kernel.kernel(2 * other, 2 * q, RUBBER.diffusivity * age), known)
+    assert_digits(heat_kernels.kernel(2 * q, 2 * other, RUBBER.diffusivity * age), known)
+    assert_digits(heat_kernels.kernel(2 * other, 2 * q, RUBBER.diffusivity * age), known)
 
 
 def test_step_response():
-    assert_digits(kernel.step_response(2e4, 2e5, RUBBER.diffusivity, 0.01), "127.3120125")
+    assert_digits(heat_kernels.step_response(2e4, 2e5, RUBBER.diffusivity, 0.01), "127.3120125")
 
 
 @pytest.mark.parametrize(
@@ -154,7 +166,7 @@ def test_what_a_wavenumber_feels_of_a_spot(v, known):
     """V11: heat and feeling of the same wavenumber; the last one is so short that it is the surface."""
 
     def felt(q):
-        memory = kernel.Memory(np.array([q]), RUBBER.volumetric_capacity, RUBBER.diffusivity)
+        memory = heat_kernels.Memory(np.array([q]), RUBBER.volumetric_capacity, RUBBER.diffusivity)
         heat = np.array([[1e4]])
         return float(memory.rise(*memory.steady(3e-3 / v), heat, memory.spread(heat[0])[None])[0])
 
@@ -200,7 +212,7 @@ def test_heat_matters_above_a_millimetre_per_second():
     """C7 on concrete at 8 degC: one curve when slow; hot is lower when faster, up to the maximum of the cold one."""
     v = np.geomspace(1e-6, 1.0, 49)
     theory = persson.Theory(A, CONCRETE, shear=Shear(4e6))
-    cold, warm = hot.branches(theory, RUBBER, SPOTS, v, 8 + KELVIN, 1e5)
+    cold, warm = flash_temperature.branches(theory, RUBBER, SPOTS, v, 8 + KELVIN, 1e5)
     slow, rising = v <= 1e-3, (v > 1e-2) & (v <= 0.9 * peak_of(v, cold.viscous))
     assert rising.sum() >= 5
     for part in ("viscous", "mu"):
@@ -208,7 +220,7 @@ def test_heat_matters_above_a_millimetre_per_second():
         np.testing.assert_allclose(flash[slow], without[slow], rtol=1e-2)
         assert np.all(flash[rising] < without[rising])
     assert np.all(warm.viscous[-6:] > cold.viscous[-6:])  # past it, warmer rubber rubs more
-    asphalt = hot.branches(VISCOUS, RUBBER, SPOTS, np.geomspace(1e-2, 10.0, 13), C20, P)
+    asphalt = flash_temperature.branches(VISCOUS, RUBBER, SPOTS, np.geomspace(1e-2, 10.0, 13), C20, P)
     assert np.all(asphalt[1].viscous < 0.92 * asphalt[0].viscous)
 
 
@@ -245,7 +257,7 @@ RUBBERS = st.builds(
 def road_of(height, rolloff, hurst, slope):
     """A self-affine road, or None where its slope is never reached."""
     try:
-        return roughness.self_affine(10**height, rolloff, hurst, 250.0, slope)
+        return roughness_spectrum.self_affine(10**height, rolloff, hurst, 250.0, slope)
     except BadInput:
         return None
 
@@ -300,8 +312,8 @@ SPEEDS = (0.05, 0.05)
 
 
 def tabulated(theory=WHOLE, folder=None):
-    table._tabulated.cache_clear()
-    return table.tabulate(theory, RUBBER, 3e-3, SPEEDS, P, C20, 4e-6, folder)
+    friction_table._tabulated.cache_clear()
+    return friction_table.tabulate(theory, RUBBER, 3e-3, SPEEDS, P, C20, 4e-6, folder)
 
 
 @pytest.fixture(scope="module")
@@ -313,9 +325,9 @@ def looked_up():
 @given(st.floats(10.5, 239.0), st.floats(10.5, 239.0), st.floats(-1.0, 1.0))
 def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
     """Nowhere more than a tenth beyond the error that it states: that is looked for in the middles of its cells."""
-    face, spot, p = face + KELVIN, spot + KELVIN, P * table.REACH**load
+    face, spot, p = face + KELVIN, spot + KELVIN, P * friction_table.REACH**load
     got = looked_up.at(0.05)(np.array([spot]), np.array([face]), np.array([p]))[:, 0]
-    share = table.flash_share(WHOLE.q, RUBBER, 3e-3, 0.05)
+    share = friction_table.flash_share(WHOLE.q, RUBBER, 3e-3, 0.05)
     found = WHOLE(0.05, face + (spot - face) * share, p, spot)
     exact = [float(found.mu), float(found.density @ (found.weight * (0.5 / found.q >= 4e-6)))]
     assert looked_up.error < 1e-3
@@ -324,14 +336,14 @@ def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
 
 def test_table_of_a_folder_is_taken_up(looked_up, tmp_path, monkeypatch):
     looked_up.save(tmp_path)
-    monkeypatch.setattr(table, "_friction", None)  # nothing can be computed
+    monkeypatch.setattr(friction_table, "_friction", None)  # nothing can be computed
     again = tabulated(folder=tmp_path)
     np.testing.assert_array_equal(again.values, looked_up.values)
     assert (again.error, again.made_of) == (looked_up.error, looked_up.made_of)
     np.testing.assert_allclose(again.T, looked_up.T)
     with pytest.raises(TypeError):
         tabulated(replace(WHOLE, gamma=0.6), tmp_path)
-    (tmp_path / table.FILE).write_bytes(b"\x89HDF no longer")
+    (tmp_path / friction_table.FILE).write_bytes(b"\x89HDF no longer")
     with pytest.raises(TypeError):
         tabulated(folder=tmp_path)
 
@@ -343,13 +355,13 @@ def test_repeated_run_takes_its_table_up(tmp_path, monkeypatch, capsys):
     (tmp_path / "case.toml").write_text(SLIDE)
     out = tmp_path / "out"
     assert main(["run", str(tmp_path), "--out", str(out)]) == 0
-    assert (out / table.FILE).is_file()
-    made, computed = [], table._friction
-    monkeypatch.setattr(table, "_friction", lambda *a: made.append(1) or computed(*a))
-    table._tabulated.cache_clear()
+    assert (out / friction_table.FILE).is_file()
+    made, computed = [], friction_table._friction
+    monkeypatch.setattr(friction_table, "_friction", lambda *a: made.append(1) or computed(*a))
+    friction_table._tabulated.cache_clear()
     assert main(["run", str(out), "--out", str(tmp_path / "again")]) == 0
     assert not made
-    table._tabulated.cache_clear()
+    friction_table._tabulated.cache_clear()
     assert main(["run", str(out), "persson_friction.gamma=0.6", "--out", str(tmp_path / "other")]) == 0
     assert made
     mu = [cases.load(tmp_path / name) and _friction(tmp_path / name) for name in ("out", "again", "other")]
@@ -433,9 +445,9 @@ def test_curve_that_ends_too_early_is_remarked(tmp_path):
     )
     scene = cases.build(cases.load(tmp_path))
     theory = next(a.p.theory for a in scene.acting if a.name == "persson_friction")
-    [said] = inputs.beyond(theory, [0.1], C20, P)
+    [said] = theory_inputs.beyond(theory, [0.1], C20, P)
     assert "above 1e+03 rad/s" in said
-    assert not inputs.beyond(VISCOUS, [1e-6, 10.0], C20, P)
+    assert not theory_inputs.beyond(VISCOUS, [1e-6, 10.0], C20, P)
 
 
 # --- in a run ---------------------------------------------------------------------------------------
@@ -467,13 +479,13 @@ def test_speed_from_rest_has_the_friction_of_every_speed(tmp_path):
 
 def test_table_of_another_making_is_not_taken_up(tmp_path, monkeypatch):
     """Other axes, or other equations behind the same axes: made anew; a file with other shapes too."""
-    monkeypatch.setattr(table, "ABOVE", 120.0)
+    monkeypatch.setattr(friction_table, "ABOVE", 120.0)
     tabulated().save(tmp_path)
     monkeypatch.undo()
     fresh, again = tabulated(), tabulated(folder=tmp_path)
     assert np.array_equal(again.values, fresh.values)
     again.save(tmp_path)
-    monkeypatch.setattr(table, "EQUATIONS", table.EQUATIONS + 1)
+    monkeypatch.setattr(friction_table, "EQUATIONS", friction_table.EQUATIONS + 1)
     assert tabulated(folder=tmp_path).made_of != fresh.made_of
 
 
@@ -481,9 +493,9 @@ def test_run_says_where_it_left_its_table(tmp_path):
     scene = cases.build(cases.load(_plain(tmp_path)))
     acting = next(a for a in scene.acting if a.name == "persson_friction")
     inside = SimpleNamespace(T_spot=np.array([25.0, 90.0]), pressure=np.array([1e5]))
-    hot = SimpleNamespace(T_spot=np.array([25.0, np.nan, 170.0]), pressure=np.array([3e6]))
+    flash_temperature = SimpleNamespace(T_spot=np.array([25.0, np.nan, 170.0]), pressure=np.array([3e6]))
     assert acting.effect.remarks(scene, acting.p, inside) == []
-    said = acting.effect.remarks(scene, acting.p, hot)
+    said = acting.effect.remarks(scene, acting.p, flash_temperature)
     assert any("170 degC; friction there is that of 150 degC" in line for line in said)  # where the shift factor ends
     assert any("3e+06 Pa" in line for line in said)
 

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp import campaign, planning
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.effect import catalogue
-from flashtemp.look import look
-from flashtemp.planning import SURE, plan
-from flashtemp.study import prepare
-from flashtemp.twin import Plan, twin
-from flashtemp.workers import crew
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery import experiment_design
+from flashtemp.discovery.experiment_design import SURE, plan
+from flashtemp.discovery.prediction import look
+from flashtemp.discovery.problem import prepare
+from flashtemp.model.case import load
+from flashtemp.physics.effect import catalogue
+from flashtemp.runs.workers import crew
 
 CASE = """
 [block]
@@ -123,7 +124,7 @@ def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
 
 def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
     """What the data at hand cannot trace counts as unseen; the next experiment may show it."""
-    whole, asked = planning._left, []
+    whole, asked = experiment_design._left, []
 
     def without(study, fit, effects):
         left = whole(study, fit, effects)
@@ -132,7 +133,7 @@ def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
         asked.append(effects)
         return left
 
-    monkeypatch.setattr(planning, "_left", without)
+    monkeypatch.setattr(experiment_design, "_left", without)
     found = outlook(campaign.load(written(planned("{}")), planned=True)).experiments
     assert found
     assert all(ALIKE[0] not in e.z_left and ALIKE[0] not in e.helps for e in found)

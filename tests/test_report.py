@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp import report
 from flashtemp.camera.recording import Recording
-from flashtemp.campaign import Campaign, Force, View
-from flashtemp.compare import Comparison, Pulling, Seeing, words
-from flashtemp.residual import Noise, Place
+from flashtemp.comparison.campaign import Campaign, Force, View
+from flashtemp.comparison.compare import Comparison, Pulling, Seeing, words
+from flashtemp.comparison.noise import Noise, Place
+from flashtemp.viz import comparison_report
 
 TITLE = 'run-in <script>alert(1)</script> & "more"'
 RUN = SimpleNamespace(
@@ -99,7 +99,7 @@ class Reader(HTMLParser):
 def written(tmp_path_factory):
     c = comparison([seeing(), seeing("wake", "wake.nc"), seeing("profile", "profile.nc")], [pulling()])
     path = tmp_path_factory.mktemp("report") / "report.html"
-    assert report.write(c, path) == path
+    assert comparison_report.write(c, path) == path
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
     html = path.read_text(encoding="utf-8")
     return c, html, Reader(html)
@@ -163,38 +163,41 @@ def test_it_says_how_to_read_it(written):
 def test_verdicts_follow_from_size_and_structure():
     s = seeing()
     still = {"u": (0.0, 1.0), "v": (0.0, -2.0), "time": (0.0, 3.0)}
-    sentence, grade = report.verdict(s)
+    sentence, grade = comparison_report.verdict(s)
     assert grade == "bad"
     assert "3.6 times the noise" in sentence
     assert "the block is measured 0.31 K hotter than computed at x = 36.5 mm, z = 3.5 mm" in sentence
     cold = replace(seeing("wake"), largest=replace(s.largest, K=-0.31))
-    assert "the road is measured 0.31 K colder than computed at x = 36.5 mm, y = 3.5 mm" in report.verdict(cold)[0]
-    assert report.verdict(replace(s, chi2_per_dof=1.1))[1] == "near"
-    assert report.verdict(replace(s, chi2_per_dof=1.1, correlation=still))[1] == "good"
-    sentence, grade = report.verdict(replace(s, correlation=still))
+    assert (
+        "the road is measured 0.31 K colder than computed at x = 36.5 mm, y = 3.5 mm"
+        in comparison_report.verdict(cold)[0]
+    )
+    assert comparison_report.verdict(replace(s, chi2_per_dof=1.1))[1] == "near"
+    assert comparison_report.verdict(replace(s, chi2_per_dof=1.1, correlation=still))[1] == "good"
+    sentence, grade = comparison_report.verdict(replace(s, correlation=still))
     assert grade == "near"
     assert "no structure" in sentence
-    assert report.verdict(replace(s, pixels=0, chi2_per_dof=float("nan")))[1] == "bad"
-    assert "higher than computed by 0.04" in report.grip(pulling())[0]
-    assert "lower than computed by 0.04" in report.grip(pulling(-0.04))[0]
-    assert report.grip(pulling(0.0, 1.0))[1] == "near"
-    assert report.grip(pulling(0.0, 1.0, sure=0.5))[1] == "good"
+    assert comparison_report.verdict(replace(s, pixels=0, chi2_per_dof=float("nan")))[1] == "bad"
+    assert "higher than computed by 0.04" in comparison_report.grip(pulling())[0]
+    assert "lower than computed by 0.04" in comparison_report.grip(pulling(-0.04))[0]
+    assert comparison_report.grip(pulling(0.0, 1.0))[1] == "near"
+    assert comparison_report.grip(pulling(0.0, 1.0, sure=0.5))[1] == "good"
 
 
 def test_a_refused_shift_and_estimated_noise_are_said():
     s = replace(seeing(), shift_refused=(4.4, 0.4), shift=(0.0, 0.0), shift_error=(0.0, 0.0))
-    reader = Reader(report.text(comparison([s], [])))
+    reader = Reader(comparison_report.text(comparison([s], [])))
     assert "A shift of the image by +4.40, +0.40 px would hide part of the difference" in reader.text
     assert "none; +4.40, +0.40 refused" in reader.rows[1]
     assert "The noise of the pixels is not stated in the file" in reader.text
     quiet = replace(s, shift_refused=None, noise=Noise(0.05, 0.02))
-    text = Reader(report.text(comparison([quiet], []))).text
+    text = Reader(comparison_report.text(comparison([quiet], []))).text
     assert "would hide" not in text
     assert "is not stated" not in text
 
 
 def test_a_campaign_of_forces_only():
-    reader = Reader(report.text(comparison([], [pulling()])))
+    reader = Reader(comparison_report.text(comparison([], [pulling()])))
     assert reader.tags.count("img") == 2
     assert reader.tags.count("table") == 1
     assert "0 recordings, 1 load-cell traces" in reader.text

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.residual import Noise, lag_one, noise, structured, whiten
+from flashtemp.comparison.noise import Noise, lag_one, noise, structured, whiten
 
 SHAPE = (12, 30, 80)
 

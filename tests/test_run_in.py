@@ -8,14 +8,14 @@ from types import SimpleNamespace as N
 import numpy as np
 import pytest
 
-from flashtemp import exact
-from flashtemp.balance import Balance
-from flashtemp.case import build, load, settings
-from flashtemp.effect import Term, find
 from flashtemp.errors import BadInput, SolverFailure
-from flashtemp.march import march
 from flashtemp.meshes import block_on_road
-from flashtemp.stage import Stage
+from flashtemp.model.case import build, load, settings
+from flashtemp.physics import closed_forms
+from flashtemp.physics.effect import Term, find
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.march import march
+from flashtemp.solver.system import Stage
 
 CASES = Path(__file__).parents[1] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
@@ -54,7 +54,7 @@ def test_V17_relaxation_and_mean_depth(lab, speed):
     start, p = run.pressure[0] - 2.5e5, run.pressure - 2.5e5
     for repetition, factor in ((1, 0.745276), (10, 0.0528657)):
         end = np.flatnonzero(run.sliding & (run.repetition == repetition))[-1]
-        exactly = exact.abrasion_relaxation(K_N, 6e-11, run.slid[end])
+        exactly = closed_forms.abrasion_relaxation(K_N, 6e-11, run.slid[end])
         assert exactly == pytest.approx(factor, rel=1e-6)
         error = np.abs(p[end] - exactly * start).max() / np.abs(start).max()
         lab.check(f"V17 relaxation after {run.slid[end]:g} m at {speed:g} m/s, of the first deviation", error, 5e-8)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from flashtemp.schedule import Schedule, Series, constant
+from flashtemp.model.schedule import Schedule, Series, constant
 
 steady = settings(max_examples=150, deadline=None, derandomize=True)
 values = st.floats(0.0, 5.0).map(lambda v: round(v, 3))

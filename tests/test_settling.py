@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from flashtemp import job
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.decay import Fit, Record
+from flashtemp.api.simulation import simulate
 from flashtemp.errors import BadInput
-from flashtemp.settling import LEVEL, TREND, read, relaxation, settling
+from flashtemp.model.case import load
+from flashtemp.runs.relaxation_fit import Fit, Record
+from flashtemp.runs.running_in import LEVEL, TREND, read, relaxation, settling
 
 FINAL, START = 0.9, 0.8
 
@@ -240,7 +240,7 @@ def result(tmp_path_factory):
         "output.profiles": 12, "output.pictures": False, "output.vtk": False, "output.fields": 2,
     }  # fmt: skip
     out = folder / "result"
-    return out, job.simulate(load(folder, values), out)
+    return out, simulate(load(folder, values), out)
 
 
 def test_pressure_of_a_simulation_relaxes_as_theory_says(result):

@@ -9,26 +9,26 @@ import pytest
 from scipy.special import ndtri
 
 from flashtemp.errors import BadInput
-from flashtemp.friction import rheology, roughness, skew
-from flashtemp.friction.persson import Theory
-from flashtemp.friction.shear import Shear
+from flashtemp.physics.friction import rheology, roughness_spectrum, skewness
+from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.friction.persson import Theory
 
-ROAD = roughness.READY["asphalt A"]
+ROAD = roughness_spectrum.READY["asphalt A"]
 SMALL = {"grid": 96, "seeds": (0, 1, 2, 3)}
 LOADS = np.geomspace(1e-3, 0.3, 6)
 
 
 @pytest.fixture(scope="module")
 def ratio():
-    return skew.ratio(0.6, LOADS, **SMALL)
+    return skewness.ratio(0.6, LOADS, **SMALL)
 
 
 @pytest.mark.parametrize(
     ("f", "known"), [(0.838166, -0.21), (0.8, -0.264479), (0.6, -0.581885), (0.5, -0.7595), (1, 0)]
 )
 def test_skewness_and_its_inverse(f, known):
-    assert skew.skewness(f) == pytest.approx(known, abs=1e-6)
-    assert skew.scale(skew.skewness(f)) == pytest.approx(f, abs=1e-9)
+    assert skewness.skewness(f) == pytest.approx(known, abs=1e-6)
+    assert skewness.scale(skewness.skewness(f)) == pytest.approx(f, abs=1e-9)
 
 
 def test_moments_of_many_heights():
@@ -36,32 +36,32 @@ def test_moments_of_many_heights():
     h = ndtri((np.arange(10**6) + 0.5) / 10**6)
     lowered = np.where(h > 0, 0.6 * h, h)
     d = lowered - lowered.mean()
-    assert np.mean(d**3) / np.mean(d**2) ** 1.5 == pytest.approx(skew.skewness(0.6), abs=1e-3)
-    assert skew.REFERENCES["height"](0.6) == pytest.approx(d.std(), rel=1e-4)
-    h, side = skew.gaussian(ROAD, 256, 0)
+    assert np.mean(d**3) / np.mean(d**2) ** 1.5 == pytest.approx(skewness.skewness(0.6), abs=1e-3)
+    assert skewness.REFERENCES["height"](0.6) == pytest.approx(d.std(), rel=1e-4)
+    h, side = skewness.gaussian(ROAD, 256, 0)
     slope = [np.std(np.diff(x, axis=0)) for x in (np.where(h > 0, 0.6 * h, h), h)]
-    assert skew.REFERENCES["slope"](0.6) == pytest.approx(slope[0] / slope[1], rel=0.02)
+    assert skewness.REFERENCES["slope"](0.6) == pytest.approx(slope[0] / slope[1], rel=0.02)
 
 
 def test_the_gaussian_road_has_the_spectrum_asked_for():
-    made = [skew.gaussian(ROAD, 128, seed) for seed in range(6)]
+    made = [skewness.gaussian(ROAD, 128, seed) for seed in range(6)]
     side = made[0][1]
     assert side == pytest.approx(4 * np.pi / ROAD.q0)
-    kept = roughness.Spectrum(ROAD.law, ROAD.q0, 2 * np.pi * 128 / (4 * side))
+    kept = roughness_spectrum.Spectrum(ROAD.law, ROAD.q0, 2 * np.pi * 128 / (4 * side))
     assert np.sqrt(np.mean([np.var(h) for h, _ in made])) == pytest.approx(kept.height, rel=0.05)
     gradient = [2 * np.mean((np.gradient(h, side / 128, axis=0)[1:-1]) ** 2) for h, _ in made]
     assert np.sqrt(np.mean(gradient)) == pytest.approx(kept.slope(), rel=0.15)  # differences see short waves less
     assert all(abs(h.mean()) < 1e-12 for h, _ in made)
-    np.testing.assert_array_equal(made[0][0], skew.gaussian(ROAD, 128, 0)[0])
+    np.testing.assert_array_equal(made[0][0], skewness.gaussian(ROAD, 128, 0)[0])
 
 
 def test_while_only_tops_touch_the_road_is_a_flatter_gaussian_one():
     """Heights f times as large at f times the pressure: the same points touch."""
     p, one = np.array([2e-3, 1e-2]), {"grid": 64, "seeds": (0, 1)}
-    np.testing.assert_array_equal(skew.area(0.6, 0.6 * p, **one), skew.area(1.0, p, **one))
-    all_flatter = skew.area(0.6, [0.12], below=0.6, **one)
-    np.testing.assert_array_equal(all_flatter, skew.area(1.0, [0.2], **one))
-    assert np.all(skew.area(0.6, [0.12], **one) < 0.97 * all_flatter)  # valleys keep their depth
+    np.testing.assert_array_equal(skewness.area(0.6, 0.6 * p, **one), skewness.area(1.0, p, **one))
+    all_flatter = skewness.area(0.6, [0.12], below=0.6, **one)
+    np.testing.assert_array_equal(all_flatter, skewness.area(1.0, [0.2], **one))
+    assert np.all(skewness.area(0.6, [0.12], **one) < 0.97 * all_flatter)  # valleys keep their depth
 
 
 def test_tops_lowered_touch_more_and_bend_the_area_sooner(ratio):
@@ -82,7 +82,7 @@ def test_the_fit_follows_what_was_solved(ratio):
 
 def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
     p = LOADS[1:5]
-    same = skew.ratio(0.6, p, against="slope", **SMALL)
+    same = skewness.ratio(0.6, p, against="slope", **SMALL)
     g = np.sqrt(0.68)
     assert same(1e-4) == pytest.approx(g / 0.6, rel=0.01)
     assert np.all(same(p) < ratio(p))
@@ -92,7 +92,7 @@ def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
 def test_friction_of_a_skewed_road():
     """Viscoelastic friction falls with what the adhesive part gains."""
     p = np.array([5e4, 1.5e5, 3e5])
-    part = skew.skewed(0.8, 1.3e7, p, grid=64, seeds=(0, 1, 2))
+    part = skewness.skewed(0.8, 1.3e7, p, grid=64, seeds=(0, 1, 2))
     assert part.pressure == tuple(p)
     assert part(p[0]) == pytest.approx(1.25, rel=0.03)
     plain, worn = (
@@ -106,13 +106,13 @@ def test_friction_of_a_skewed_road():
 @pytest.mark.parametrize(
     ("wish", "says"),
     [
-        (lambda: skew.scale(0.1), "skewness: 0.1"),
-        (lambda: skew.scale(-1.7), "-1.64"),
-        (lambda: skew.area(0.0, [0.01]), "0 < f <= 1"),
-        (lambda: skew.area(0.5, [0.01, -1.0]), "pressures over modulus > 0"),
-        (lambda: skew.area(0.5, [0.01], grid=16), "at least 32 points"),
-        (lambda: skew.ratio(0.5, [0.01], against="rms"), "unscaled, slope, height"),
-        (lambda: skew.skewed(0.5, 1e7, [2e5, 1e5]), "in Pa, rising"),
+        (lambda: skewness.scale(0.1), "skewness: 0.1"),
+        (lambda: skewness.scale(-1.7), "-1.64"),
+        (lambda: skewness.area(0.0, [0.01]), "0 < f <= 1"),
+        (lambda: skewness.area(0.5, [0.01, -1.0]), "pressures over modulus > 0"),
+        (lambda: skewness.area(0.5, [0.01], grid=16), "at least 32 points"),
+        (lambda: skewness.ratio(0.5, [0.01], against="rms"), "unscaled, slope, height"),
+        (lambda: skewness.skewed(0.5, 1e7, [2e5, 1e5]), "in Pa, rising"),
     ],
 )
 def test_bad_wishes(wish, says):
@@ -124,4 +124,4 @@ def test_bad_wishes(wish, says):
 def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
-        skew.area(0.5, [0.01])
+        skewness.area(0.5, [0.01])

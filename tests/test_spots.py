@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.balance import Balance
-from flashtemp.effects.resolved_spots import ResolvedSpots
 from flashtemp.errors import BadInput
-from flashtemp.mesh import Mesh
 from flashtemp.meshes.grading import geometric
-from flashtemp.patterns import ContactMap, Discs, discs, read_map
-from flashtemp.stage import Stage
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.physics.effects.resolved_spots import ResolvedSpots
+from flashtemp.physics.friction.spot_patterns import ContactMap, Discs, discs, read_map
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.system import Stage
 
 D, PHI = 3e-3, 0.2
 

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flashtemp import sweep
 from flashtemp.__main__ import main
-from flashtemp.case import build, load, settings
 from flashtemp.errors import SolverFailure
-from flashtemp.march import march
+from flashtemp.model.case import build, load, settings
+from flashtemp.runs import sweep
+from flashtemp.runs.workers import stream
+from flashtemp.solver.march import march
 from flashtemp.viz import sweep as picture
-from flashtemp.workers import stream
 
 CASE = """title = "small"
 [block]

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flashtemp import cvode
-from flashtemp.case import assemble, build, settings
-from flashtemp.generic import with_scatter
-from flashtemp.keys import Places
-from flashtemp.march import march
-from flashtemp.run import Run
-from flashtemp.tangent import Move, explore
+from flashtemp.discovery.generic import with_scatter
+from flashtemp.model import numerics
+from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.schema import Places
+from flashtemp.solver.march import march
+from flashtemp.solver.run import Run
+from flashtemp.solver.sensitivity import Move, explore
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "road.track_length": 0.1, "schedule.distance": 0.2,
@@ -200,7 +200,7 @@ def test_trace_of_the_tracks_memory_from_nothing():
     check(traces({}, ["track_memory.strength"]), {}, "track_memory.strength", T_block=0.05, T_wake=0.05, field=0.06)
 
 
-@pytest.mark.parametrize("binding", cvode.available())
+@pytest.mark.parametrize("binding", numerics.available())
 def test_either_binding(binding):
     check(traces({"numerics.integrator": binding}, ["friction.mu"]), {}, "friction.mu")
 

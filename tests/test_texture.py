@@ -12,8 +12,8 @@ from scipy.special import beta, gamma
 
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.friction import texture
-from flashtemp.friction.roughness import Points, SelfAffine, Spectrum
+from flashtemp.physics.friction import measured_roughness
+from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
 
 DATA = Path(__file__).parent / "data"
 PIXEL, N, SURFACES = 2e-4, 512, 6
@@ -33,7 +33,7 @@ def heights():
 
 @pytest.fixture(scope="module")
 def areas(heights):
-    return [texture.of_topography(h, PIXEL) for h in heights]
+    return [measured_roughness.of_topography(h, PIXEL) for h in heights]
 
 
 def mean(spectra: list[Points]) -> Points:
@@ -55,7 +55,7 @@ def test_a_known_surface_gives_its_spectrum(heights, areas):
     points = mean(areas)
     assert ratio(points, 0.04, 3e-3) == pytest.approx(1.0, rel=0.04)
     assert ratio(points, 2e-3, 4e-4) == pytest.approx(1.0, rel=0.02)
-    law = texture.fit(points)
+    law = measured_roughness.fit(points)
     assert law.level / LAW.level == pytest.approx(1.0, rel=0.06)
     assert law.rolloff == pytest.approx(LAW.rolloff, rel=0.05)
     assert law.hurst == pytest.approx(LAW.hurst, abs=0.02)
@@ -63,16 +63,16 @@ def test_a_known_surface_gives_its_spectrum(heights, areas):
 
 def test_pixels_need_not_be_square_and_points_may_be_missing(heights, areas):
     spread = np.repeat(heights[0], 2, axis=1)
-    assert ratio(texture.of_topography(spread, (PIXEL, PIXEL / 2)), 4e-3, 2e-3) == pytest.approx(
+    assert ratio(measured_roughness.of_topography(spread, (PIXEL, PIXEL / 2)), 4e-3, 2e-3) == pytest.approx(
         ratio(areas[0], 4e-3, 2e-3), rel=0.03
     )
     holes = heights[0].copy()
     holes[np.random.default_rng(1).random(holes.shape) < 0.05] = np.nan
     holes[100:103, 200:230] = 0.04  # m, a reflection
-    patched = texture.of_topography(texture.without_spikes(holes), PIXEL)
+    patched = measured_roughness.of_topography(measured_roughness.without_spikes(holes), PIXEL)
     far = np.array(patched.q) < 2 * np.pi / 2e-3
     np.testing.assert_allclose(np.array(patched.C)[far], np.array(areas[0].C)[far], rtol=0.05)
-    spoiled = texture.of_topography(holes, PIXEL)
+    spoiled = measured_roughness.of_topography(holes, PIXEL)
     assert ratio(spoiled, 4e-3, 2e-3) > 1.3 * ratio(patched, 4e-3, 2e-3)
 
 
@@ -80,35 +80,35 @@ def test_pixels_need_not_be_square_and_points_may_be_missing(heights, areas):
 def test_abel_of_a_power_law(hurst):
     k = np.geomspace(10.0, 1e5, 41)
     expected = k ** (-2 - 2 * hurst) * gamma(1 + hurst) / (np.sqrt(np.pi) * gamma(hurst + 0.5))
-    np.testing.assert_allclose(texture.isotropic(k, k ** (-1 - 2 * hurst)), expected, rtol=1e-8)
+    np.testing.assert_allclose(measured_roughness.isotropic(k, k ** (-1 - 2 * hurst)), expected, rtol=1e-8)
 
 
 def test_abel_across_a_roll_off():
     """C = (1 + q^2)^-(1+H) is seen by a line as B(1/2, H + 1/2) (1 + k^2)^-(H+1/2)."""
     k = np.geomspace(1e-2, 1e2, 41)
     S = beta(0.5, 1.3) * (1 + k**2) ** -1.3
-    np.testing.assert_allclose(texture.isotropic(k, S), (1 + k**2) ** -1.8, rtol=2.5e-3)
+    np.testing.assert_allclose(measured_roughness.isotropic(k, S), (1 + k**2) ** -1.8, rtol=2.5e-3)
 
 
 def test_lines_tell_the_same_as_the_area(heights, areas):
-    lines, area = mean([texture.of_profile(h[::8], PIXEL) for h in heights]), mean(areas)
+    lines, area = mean([measured_roughness.of_profile(h[::8], PIXEL) for h in heights]), mean(areas)
     assert ratio(lines, 0.04, 3e-3) == pytest.approx(ratio(area, 0.04, 3e-3), rel=0.08)
     assert ratio(lines, 2e-3, 8e-4) == pytest.approx(ratio(area, 2e-3, 8e-4), rel=0.05)
-    found, expected = texture.fit(lines), texture.fit(area)
+    found, expected = measured_roughness.fit(lines), measured_roughness.fit(area)
     assert found.level / expected.level == pytest.approx(1.0, rel=0.1)
     assert found.hurst == pytest.approx(expected.hurst, abs=0.05)
     assert lines.reach[1] <= np.pi / PIXEL / 2
     line = heights[0, 0]
-    assert texture.profile_height(line, PIXEL) == pytest.approx(line.std(), rel=0.1)
-    assert texture.profile_height(line, PIXEL, 1e-3) < 0.6 * texture.profile_height(line, PIXEL)
+    assert measured_roughness.profile_height(line, PIXEL) == pytest.approx(line.std(), rel=0.1)
+    assert measured_roughness.profile_height(line, PIXEL, 1e-3) < 0.6 * measured_roughness.profile_height(line, PIXEL)
 
 
 def test_tilt_and_place_count_for_nothing(heights, areas):
     """What the instrument's stage adds; and waves that do not fit twice are not told."""
     plane = 0.02 * PIXEL * np.arange(N)
-    tilted = texture.of_topography(heights[0] + plane + 3 * plane[:, None] + 0.01, PIXEL)
+    tilted = measured_roughness.of_topography(heights[0] + plane + 3 * plane[:, None] + 0.01, PIXEL)
     np.testing.assert_allclose(tilted.C, areas[0].C, rtol=1e-6)
-    flat, tilted = (texture.of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01))
+    flat, tilted = (measured_roughness.of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01))
     np.testing.assert_allclose(tilted.C, flat.C, rtol=1e-6)
     assert flat.reach[0] >= 0.999 * 2 * 2 * np.pi / (N * PIXEL)
 
@@ -118,14 +118,14 @@ def test_a_wave_has_the_height_that_it_has():
     wave = 2e-3 * np.sin(2 * np.pi * x / 0.02) + 0.05 * x
     wave[500:520] = np.nan
     wave[-30:] = np.nan
-    assert texture.profile_height(wave, 1e-4, 0.1) == pytest.approx(2e-3 / np.sqrt(2), rel=0.02)
-    assert texture.profile_height(wave, 1e-4, 0.01) < 1e-4
+    assert measured_roughness.profile_height(wave, 1e-4, 0.1) == pytest.approx(2e-3 / np.sqrt(2), rel=0.02)
+    assert measured_roughness.profile_height(wave, 1e-4, 0.01) < 1e-4
 
 
 def test_a_measured_profile():
-    heights, step = texture.read_profile(DATA / "captif_profile.dat")
+    heights, step = measured_roughness.read_profile(DATA / "captif_profile.dat")
     assert step == pytest.approx(3.75e-5, rel=1e-3)
-    clean = texture.without_spikes(heights)
+    clean = measured_roughness.without_spikes(heights)
     plate = heights > 0.04
     assert plate.sum() == 48
     assert np.isnan(heights).sum() == 43
@@ -146,11 +146,11 @@ SPECTRA = {
 @pytest.mark.parametrize("name", SPECTRA)
 def test_spectra_from_files(name, tmp_path):
     (tmp_path / "psd.txt").write_text(SPECTRA[name], encoding="utf-8")
-    found = texture.read_spectrum("psd.txt", tmp_path, "k")
+    found = measured_roughness.read_spectrum("psd.txt", tmp_path, "k")
     assert found.q == pytest.approx((100.0, 1000.0, 10000.0))
     np.testing.assert_allclose(found.C, (1e-11, 1e-13, 1e-16), rtol=1e-9)
     rows = [[100.0, 1e-11], [1000.0, 1e-13], [10000.0, 1e-16]]
-    np.testing.assert_allclose(texture.read_spectrum(rows, tmp_path, "k").C, found.C, rtol=1e-9)
+    np.testing.assert_allclose(measured_roughness.read_spectrum(rows, tmp_path, "k").C, found.C, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_wrong_spectra(source, says, tmp_path):
         (tmp_path / "x.csv").write_text(source)
         source = "x.csv"
     with pytest.raises(BadInput, match=says):
-        texture.read_spectrum(source, tmp_path, "k")
+        measured_roughness.read_spectrum(source, tmp_path, "k")
 
 
 def test_the_command_on_an_area(heights, tmp_path, capsys):
@@ -188,7 +188,7 @@ def test_the_command_on_an_area(heights, tmp_path, capsys):
         assert main(["spectrum", str(tmp_path / name), "--out", str(out), "--highpass", "0.01", *more, "--json"]) == 0
         told.append(json.loads(capsys.readouterr().out))
         assert Path(told[-1]["picture"]).stat().st_size > 5000
-        points = texture.read_spectrum(out.name, tmp_path, "k")
+        points = measured_roughness.read_spectrum(out.name, tmp_path, "k")
         assert Spectrum(points, *points.reach).height == pytest.approx(told[-1]["rms_height_m"], rel=1e-6)
     assert told[0]["rms_height_m"] == pytest.approx(told[1]["rms_height_m"], rel=1e-3)
     assert told[0]["hurst"] == pytest.approx(0.8, abs=0.08)
@@ -207,7 +207,7 @@ def test_the_command_on_a_profile(heights, tmp_path, capsys):
     assert "rms height of the line itself" in said
     assert "dropouts and spikes: 2.1 %" in said
     assert (tmp_path / "psd.png").is_file()
-    assert texture.read_spectrum("psd.csv", tmp_path, "k").reach[1] <= np.pi / PIXEL / 2
+    assert measured_roughness.read_spectrum("psd.csv", tmp_path, "k").reach[1] <= np.pi / PIXEL / 2
     np.savetxt(tmp_path / "bare.txt", np.where(np.isnan(line), 0.0, line))
     out = tmp_path / "bare.csv"
     argv = ["spectrum", str(tmp_path / "bare.txt"), "--out", str(out), "--profile", f"--pixel={PIXEL}", "--json"]
@@ -218,7 +218,7 @@ def test_the_command_on_a_profile(heights, tmp_path, capsys):
 def test_the_numbers_of_a_law_carry_their_units():
     """Of points on the law: its own level, roll-off and exponent."""
     q = np.geomspace(0.1 * LAW.rolloff, 100 * LAW.rolloff, 61)
-    told = texture.Summary.of(Points(tuple(q), tuple(LAW(q)))).as_dict()
+    told = measured_roughness.Summary.of(Points(tuple(q), tuple(LAW(q)))).as_dict()
     assert told["level_m4"] == pytest.approx(LAW.level, rel=0.02)
     assert told["rolloff_m"] == pytest.approx(2 * np.pi / LAW.rolloff, rel=0.02)
     assert (told["longest_m"], told["shortest_m"]) == pytest.approx((2 * np.pi / q[0], 2 * np.pi / q[-1]))
@@ -229,7 +229,7 @@ def test_the_numbers_of_a_law_carry_their_units():
 def test_no_file_is_overwritten(taken, tmp_path, capsys, monkeypatch):
     """Told before anything is read or computed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(texture, "without_spikes", lambda heights: pytest.fail("computed"))
+    monkeypatch.setattr(measured_roughness, "without_spikes", lambda heights: pytest.fail("computed"))
     np.save("road.npy", np.zeros((32, 32)))
     Path(taken).write_text("mine")
     assert main(["spectrum", "road.npy", "--pixel", "1e-4", "--out", "a.csv"]) == 2
@@ -257,8 +257,8 @@ def test_what_no_road_has_is_remarked(heights, kind, pixel, said, tmp_path, caps
 
 def test_a_hurst_exponent_may_reach_its_limits():
     for hurst, count in ((-0.02, 1), (0.0, 0), (1.0, 0), (1.004, 0), (1.02, 1)):
-        assert len(texture.Summary(1e-4, 9.9, 1e3, 1e5, SelfAffine(1e-14, 1e3, hurst)).remarks) == count
-    assert len(texture.Summary(1e-4, 10.1, 1e3, 1e5, SelfAffine(1e-14, 1e3, 0.8)).remarks) == 1
+        assert len(measured_roughness.Summary(1e-4, 9.9, 1e3, 1e5, SelfAffine(1e-14, 1e3, hurst)).remarks) == count
+    assert len(measured_roughness.Summary(1e-4, 10.1, 1e3, 1e5, SelfAffine(1e-14, 1e3, 0.8)).remarks) == 1
 
 
 def test_the_picture_shows_points_and_law():
@@ -321,13 +321,13 @@ def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys, monkeypat
 
 
 def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch):
-    from flashtemp import topography
+    from flashtemp.physics.friction import contact_map
 
     def read(path):
         raise OSError("damaged " * 40)
 
-    monkeypatch.setattr(topography.library(), "read_topography", read)
-    monkeypatch.setattr(topography.library(), "open_topography", read)
+    monkeypatch.setattr(contact_map.library(), "read_topography", read)
+    monkeypatch.setattr(contact_map.library(), "open_topography", read)
     (tmp_path / "a.nc").touch()
     assert main(["spectrum", str(tmp_path / "a.nc"), "--out", str(tmp_path / "a.csv")]) == 2
     said = capsys.readouterr().err
@@ -338,7 +338,7 @@ def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch
 def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
-        texture.of_topography(np.eye(32), 1e-4)
+        measured_roughness.of_topography(np.eye(32), 1e-4)
 
 
 def test_the_command_without_the_library(tmp_path, capsys, monkeypatch):

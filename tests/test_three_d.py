@@ -10,15 +10,15 @@ import pytest
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
-from flashtemp.balance import Balance
-from flashtemp.camera.operator import corner_length, observe, wall_cooling
+from flashtemp.camera.observation import corner_length, observe, wall_cooling
 from flashtemp.camera.recording import Recording
-from flashtemp.case import assemble, build, settings
-from flashtemp.effect import Factor, Heat
-from flashtemp.keys import Places
-from flashtemp.march import march
 from flashtemp.meshes import block_on_road
-from flashtemp.stage import Stage
+from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.schema import Places
+from flashtemp.physics.effect import Factor, Heat
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.march import march
+from flashtemp.solver.system import Stage
 
 W = 0.02
 SMALL = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flashtemp.meshes.grading import geometric
-from flashtemp.track import Track
+from flashtemp.solver.circular_track import Track
 
 K, RC = 1.0, 2300 * 950.0
 EDGES = geometric(0.3, 1e-5, 90)

@@ -11,31 +11,31 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flashtemp.__main__ import main
-from flashtemp.case import load
 from flashtemp.errors import BadInput
-from flashtemp.friction import coldhot, tread
-from flashtemp.friction.hot import Branch, Spots
-from flashtemp.friction.peak import highest
-from flashtemp.friction.persson import Theory
-from flashtemp.friction.rheology import READY as RUBBERS
-from flashtemp.friction.roughness import READY as ROADS
-from flashtemp.material import LIBRARY
+from flashtemp.model.case import load
+from flashtemp.physics.friction import cold_hot_law, tread_block
+from flashtemp.physics.friction.curve_peak import highest
+from flashtemp.physics.friction.flash_temperature import Branch, Spots
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.material import LIBRARY
 
 CASE = Path(__file__).parents[1] / "cases" / "tread_block"
 THEORY, RUBBER, T0, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 293.15, 3e5
 SPOTS = Spots(0.01, 0.2)
-BLOCK = tread.Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.02, pressure=P)
+BLOCK = tread_block.Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.02, pressure=P)
 
 
 def even(mu, speeds=(1e-5, 100.0)):
     """The same friction at all speeds, cold and hot."""
     branch = Branch(np.array(speeds), np.full(2, mu), np.zeros(2), np.zeros(2))
-    return coldhot.Law(branch, branch, 2e-3)
+    return cold_hot_law.Law(branch, branch, 2e-3)
 
 
 @pytest.fixture(scope="module")
 def law():
-    return coldhot.law(THEORY, RUBBER, SPOTS, T0, P, 27.0)
+    return cold_hot_law.law(THEORY, RUBBER, SPOTS, T0, P, 27.0)
 
 
 def test_constant_friction_sticks_then_rings():
@@ -44,7 +44,7 @@ def test_constant_friction_sticks_then_rings():
     pull, w, u0 = 1.35, np.sqrt(block.stiffness / block.mass), 0.5 * P / block.stiffness
     worst = []
     for steps in (500, 1000, 2000):
-        path = tread.through(block, even(0.5), [0.05], steps)
+        path = tread_block.through(block, even(0.5), [0.05], steps)
         tau = path.time - u0 / pull
         speed = np.where(tau > 0, pull * (1 - np.cos(w * tau)), 0.0)
         shear = np.where(tau > 0, u0 + pull / w * np.sin(w * tau), pull * path.time)
@@ -58,7 +58,7 @@ def test_constant_friction_sticks_then_rings():
 
 
 def test_a_block_that_never_reaches_its_friction_sticks():
-    path = tread.through(BLOCK, even(0.9), [0.01])
+    path = tread_block.through(BLOCK, even(0.9), [0.01])
     assert np.all(path.slid == 0.0)
     assert path.traction[-1, 0] == pytest.approx(1.5e8 * 0.001 / P)
 
@@ -68,8 +68,8 @@ def test_friction_that_falls_with_speed_chatters():
     speeds, light = np.array([1e-5, 1e-3, 10.0]), replace(BLOCK, mass=1e-3)
     for mu, chatters in (([0.2, 0.6, 0.1], True), ([0.2, 0.3, 0.6], False)):
         branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
-        path = tread.through(light, coldhot.Law(branch, branch, 2e-3), [0.05, 0.09])
-        assert tread.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
+        path = tread_block.through(light, cold_hot_law.Law(branch, branch, 2e-3), [0.05, 0.09])
+        assert tread_block.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
 
 
 def test_steps_are_doubled_until_the_friction_stays():
@@ -77,13 +77,13 @@ def test_steps_are_doubled_until_the_friction_stays():
     speeds, slips, steps = np.array([1e-5, 1e-3, 10.0]), [0.05, 0.09], {}
     for mu, most in (((0.2, 0.3, 0.6), 3200), ((0.2, 0.45, 0.35), 3200), ((0.2, 0.45, 0.35), 200)):
         branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
-        law = coldhot.Law(branch, branch, 2e-3)
-        path, moved = tread.settled(BLOCK, law, slips, 200, most)
+        law = cold_hot_law.Law(branch, branch, 2e-3)
+        path, moved = tread_block.settled(BLOCK, law, slips, 200, most)
         n = steps[mu, most] = len(path.time) - 1
-        friction, finer = (tread.mean_traction(tread.through(BLOCK, law, slips, k)) for k in (n, 2 * n))
-        np.testing.assert_allclose(tread.mean_traction(path), friction)
+        friction, finer = (tread_block.mean_traction(tread_block.through(BLOCK, law, slips, k)) for k in (n, 2 * n))
+        np.testing.assert_allclose(tread_block.mean_traction(path), friction)
         assert moved == pytest.approx(np.abs(finer / friction - 1).max())
-        assert (moved > tread.SETTLED) == (most == 200)
+        assert (moved > tread_block.SETTLED) == (most == 200)
     print(steps)
     assert steps.popitem()[1] == 200
     rising, falling = steps.values()
@@ -94,19 +94,19 @@ def test_one_small_change_does_not_settle_stick_slip():
     """A bristle so light that 200 steps miss its ringing: 400 change friction by less than 2 %, 800 by more."""
     light, slips = replace(BLOCK, mass=1e-3), [0.05, 0.09]
     branch = Branch(np.array([1e-5, 1e-3, 10.0]), np.array([0.2, 0.45, 0.35]), np.zeros(3), np.zeros(3))
-    law = coldhot.Law(branch, branch, 2e-3)
-    few, more, most = (tread.mean_traction(tread.through(light, law, slips, n)) for n in (200, 400, 800))
-    assert np.abs(more / few - 1).max() < tread.SETTLED < np.abs(most / more - 1).max()
-    path, moved = tread.settled(light, law, slips, 200, 800)
+    law = cold_hot_law.Law(branch, branch, 2e-3)
+    few, more, most = (tread_block.mean_traction(tread_block.through(light, law, slips, n)) for n in (200, 400, 800))
+    assert np.abs(more / few - 1).max() < tread_block.SETTLED < np.abs(most / more - 1).max()
+    path, moved = tread_block.settled(light, law, slips, 200, 800)
     assert len(path.time) - 1 == 800
-    assert moved > tread.SETTLED
+    assert moved > tread_block.SETTLED
 
 
 def test_branches_that_meet_have_no_way_between_them(law):
     """Below 1 % of the cold branch the share would be a number without meaning."""
     for hot, known in ((0.985, True), (0.995, False), (1.005, False), (1.015, True)):
         near = replace(law, hot=law.cold._replace(viscous=hot * law.cold.mu, adhesive=0.0 * law.cold.mu))
-        found = tread.roll(BLOCK, near, THEORY, RUBBER, SPOTS, T0, [0.01])
+        found = tread_block.roll(BLOCK, near, THEORY, RUBBER, SPOTS, T0, [0.01])
         assert np.isfinite(found.to_hot[0]) == known
 
 
@@ -120,7 +120,7 @@ def test_path_agrees_with_another_solver(law, slip):
         return [pull - v, (k * u - law(abs(v), r) * P * np.tanh(v / 1e-4)) / m, v]
 
     exact = solve_ivp(rate, (0.0, BLOCK.contact_time), np.zeros(3), "Radau", rtol=1e-7, atol=1e-9, dense_output=True)
-    path = tread.through(BLOCK, law, [slip])
+    path = tread_block.through(BLOCK, law, [slip])
     u, v, r = exact.sol(path.time)
     np.testing.assert_allclose(path.shear[:, 0], u, atol=2e-3 * u.max())
     np.testing.assert_allclose(path.slid[:, 0], r, atol=2e-3 * r.max())
@@ -129,7 +129,7 @@ def test_path_agrees_with_another_solver(law, slip):
 
 def test_from_the_cold_to_the_hot_branch(law):
     """C24 with the kernel theory, C26; at 2.4 m/s and 20 degC the law departs by 14 %."""
-    found = tread.roll(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
+    found = tread_block.roll(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
     slow, fast = (path for path, _ in found.kernel)
     for path in (slow, fast):
         early = (path.slid[:, 0] < 1e-3 * SPOTS.diameter) & (path.speed[:, 0] > 1e-3)
@@ -140,17 +140,17 @@ def test_from_the_cold_to_the_hot_branch(law):
     assert found.to_hot[1] == pytest.approx(1.0, abs=0.05)
     assert 0.005 <= fast.slid[-1, 0] + fast.shear[-1, 0] <= 0.01
     assert fast.slid[-1, 0] + fast.shear[-1, 0] == pytest.approx(0.09 * 0.1, rel=1e-9)
-    assert tread.deviation(slow, law) < 0.01
-    assert tread.deviation(fast, law) < 0.16
-    assert tread.deviation(found.path, law) < 1e-8
-    path, _ = tread.remembering(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
-    assert tread.mean_traction(path) == pytest.approx(tread.mean_traction(fast), rel=1e-3)
+    assert tread_block.deviation(slow, law) < 0.01
+    assert tread_block.deviation(fast, law) < 0.16
+    assert tread_block.deviation(found.path, law) < 1e-8
+    path, _ = tread_block.remembering(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
+    assert tread_block.mean_traction(path) == pytest.approx(tread_block.mean_traction(fast), rel=1e-3)
 
 
 def test_past_a_diameter_friction_is_hot(law):
     """C24 for a footprint twice as long: r > D at the exit."""
     long = replace(BLOCK, footprint=0.2)
-    path = tread.through(long, law, [0.07, 0.09])
+    path = tread_block.through(long, law, [0.07, 0.09])
     cold, hot = law.ends(path.speed[-1])
     assert np.all(path.slid[-1] > SPOTS.diameter)
     np.testing.assert_allclose((cold - path.mu[-1]) / (cold - hot), 1.0, atol=0.01)
@@ -160,9 +160,9 @@ def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     """C27, within a factor of two, with the theory's contact fraction."""
     ratios = {}
     for diameter, footprint in ((0.005, 0.1), (0.02, 0.1), (0.01, 0.2)):
-        found = coldhot.law(THEORY, RUBBER, Spots(diameter), T0, P, 27.0)
-        path = tread.through(replace(BLOCK, footprint=footprint, mass=0.1), found, tread.SWEPT, 300)
-        best = highest(tread.SWEPT, tread.mean_traction(path))
+        found = cold_hot_law.law(THEORY, RUBBER, Spots(diameter), T0, P, 27.0)
+        path = tread_block.through(replace(BLOCK, footprint=footprint, mass=0.1), found, tread_block.SWEPT, 300)
+        best = highest(tread_block.SWEPT, tread_block.mean_traction(path))
         assert not best.edge
         ratios[diameter, footprint] = best.at * footprint / diameter
     print(ratios)
@@ -195,7 +195,7 @@ CHATTERS = ["persson_friction.shear_stress=4e6", "ambient.temperature=5", "tread
 
 def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, capsys, monkeypatch):
     """Shear stress falls with speed at 5 degC; at 1 % slip the block hardly slides."""
-    monkeypatch.setattr(tread, "MOST", 400)  # 800 are taken without
+    monkeypatch.setattr(tread_block, "MOST", 400)  # 800 are taken without
     out = tmp_path / "found"
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     said, told = capsys.readouterr().out, json.loads((out / "tread.json").read_text())
@@ -214,7 +214,7 @@ def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, caps
 
 
 def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(tread, "MOST", 200)
+    monkeypatch.setattr(tread_block, "MOST", 200)
     out = tmp_path / "found"
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     moved = json.loads((out / "tread.json").read_text())["moved_by_twice_the_steps"]
@@ -242,7 +242,7 @@ def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
 
 @pytest.mark.parametrize("command", ["tread", "tyre"])
 def test_a_folder_that_exists_is_refused_before_anything_is_computed(tmp_path, capsys, monkeypatch, command):
-    monkeypatch.setattr(coldhot, "law", lambda *a: pytest.fail("computed"))
+    monkeypatch.setattr(cold_hot_law, "law", lambda *a: pytest.fail("computed"))
     (tmp_path / "mine").write_text("kept")
     assert main([command, str(CASE), "--out", str(tmp_path)]) == 2
     assert "exists; choose another folder" in capsys.readouterr().err
@@ -254,7 +254,7 @@ def stop(*args):
 
 
 def test_an_interrupt_is_told_and_leaves_nothing(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(coldhot, "law", stop)
+    monkeypatch.setattr(cold_hot_law, "law", stop)
     assert main(["tread", str(CASE), "--out", str(tmp_path / "found")]) == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert list(tmp_path.iterdir()) == []

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp import campaign
 from flashtemp.__main__ import main
-from flashtemp.camera.operator import ABOVE, WAKE
+from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.recording import load as recording
-from flashtemp.case import build, load
-from flashtemp.compare import compare, words
+from flashtemp.comparison import campaign
+from flashtemp.comparison.compare import compare, words
+from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.errors import BadInput
-from flashtemp.twin import SEALED, Plan, twin
+from flashtemp.model.case import build, load
 
 SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
 

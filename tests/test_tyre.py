@@ -11,13 +11,13 @@ import pytest
 from scipy.integrate import quad
 
 from flashtemp.__main__ import main
-from flashtemp.friction import coldhot, tread, tyre
-from flashtemp.friction.hot import Branch, Spots
-from flashtemp.friction.persson import Theory
-from flashtemp.friction.rheology import READY as RUBBERS
-from flashtemp.friction.roughness import READY as ROADS
-from flashtemp.keys import APART
-from flashtemp.material import LIBRARY
+from flashtemp.model.schema import APART
+from flashtemp.physics.friction import cold_hot_law, tread_block, tyre
+from flashtemp.physics.friction.flash_temperature import Branch, Spots
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.material import LIBRARY
 from flashtemp.viz import tyre as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "tyre"
@@ -36,7 +36,7 @@ def synthetic():
     v = np.unique(np.append(np.geomspace(1e-3, 30.0, 20001), TYRE.pull([2.0, 5.0])))
     lg = np.log10(v)
     cold, hot = 0.4 + 0.9 * np.exp(-0.08 * (lg - 1) ** 2), 0.3 + 0.7 * np.exp(-0.12 * (lg + 1) ** 2)
-    return coldhot.Law(branch(v, cold), branch(v, hot), 2e-3)
+    return cold_hot_law.Law(branch(v, cold), branch(v, hot), 2e-3)
 
 
 class OfThree(Spots):
@@ -53,7 +53,7 @@ def corner():
 
     def one(T, D, k=1.5e8, spots=OfThree):
         if (T, D, k, spots) not in known:
-            law = coldhot.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)))
+            law = cold_hot_law.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)))
             known[T, D, k, spots] = tyre.corner(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15)
         return known[T, D, k, spots]
 
@@ -85,7 +85,7 @@ def test_rigid_bristles_in_closed_form(synthetic):
 def test_brush_with_constant_friction_in_closed_form():
     """Coulomb brush: every line sticks over x_s = mu p/(k_t tan a) and slides behind it."""
     mu, k, flat = 0.6, 1.5e8, np.array([1e-5, 100.0])
-    law = coldhot.Law(branch(flat, np.full(2, mu)), branch(flat, np.full(2, mu)), 2e-3)
+    law = cold_hot_law.Law(branch(flat, np.full(2, mu)), branch(flat, np.full(2, mu)), 2e-3)
     angles = np.array([0.2, 0.6, 1.5, 6.0])
     found, _ = tyre.brush(TYRE, law, LOADS, angles, k, 1e-4)
     for row, load in zip(found, LOADS, strict=True):
@@ -154,10 +154,10 @@ def test_small_spots_show_nothing_through_a_brush(corner):
 
 def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     """The trap of C28: bristles of 5 kg/m2 let even the cold control fall."""
-    law = coldhot.law(THEORY, RUBBER, Spots(0.01, 0.2), 293.15, P, 15.0)
+    law = cold_hot_law.law(THEORY, RUBBER, Spots(0.01, 0.2), 293.15, P, 15.0)
     heavy = tyre.corner(TYRE, law, LOADS, ANGLES, 1.5e8, 5.0, 293.15)
     print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.LAWS})
-    assert heavy.ringing > tread.RINGING
+    assert heavy.ringing > tread_block.RINGING
     assert heavy.sound("rigid")
     assert not heavy.sound("brush")
     out = tmp_path / "found"

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from flashtemp import job
 from flashtemp.__main__ import main
-from flashtemp.case import load
-from flashtemp.export import open_fields
+from flashtemp.api.simulation import simulate
+from flashtemp.model.case import load
+from flashtemp.runs.vtk import open_fields
 from flashtemp.viz import space, window
 
 SMALL = {
@@ -32,7 +32,7 @@ def folders(tmp_path_factory):
         file = tmp_path_factory.mktemp(name) / "case.toml"
         file.write_text(f'title = "{name} block"\n')
         out[name] = file.parent / "out"
-        job.simulate(load(file, SMALL | given), out[name])
+        simulate(load(file, SMALL | given), out[name])
     return out
 
 

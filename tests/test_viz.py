@@ -14,11 +14,11 @@ from matplotlib.colors import to_hex
 from scipy.interpolate import RegularGridInterpolator
 
 import flashtemp.viz
-from flashtemp.case import assemble, build, settings
-from flashtemp.keys import Places
-from flashtemp.march import march
-from flashtemp.mesh import centres
-from flashtemp.viz import animation, budget, clock, field, film, friction, maps, profile, theme, worn
+from flashtemp.meshes.mesh import centres
+from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.schema import Places
+from flashtemp.solver.march import march
+from flashtemp.viz import animation, budget, field, film, friction, maps, profile, theme, time_axis, worn
 
 PICTURES = (profile, film, field, friction, budget, maps, worn, animation)
 RUNS = {
@@ -104,7 +104,7 @@ def test_profile_shows_both_curves_of_the_last_repetition(runs):
         np.testing.assert_array_equal(drawn.get_xdata(), 1e3 * run.x)
     faint = [i for i in ax.lines if i.get_linewidth() < 0.7 and len(i.get_xdata())]
     assert len(faint) == 2 * profile.EARLIER
-    np.testing.assert_array_equal(faint[0].get_ydata(), run.T_spot[clock.ends(run)[0]])
+    np.testing.assert_array_equal(faint[0].get_ydata(), run.T_spot[time_axis.ends(run)[0]])
 
 
 def test_profile_shows_the_road_where_it_differs_or_is_asked_for(runs):
@@ -139,21 +139,21 @@ def test_map_lines_equal_the_records_and_waits_end_where_sliding_starts(runs):
     ax = film.draw(run).axes[0]
     drawn = line(ax, theme.PLACES["trailing edge"]).get_ydata()
     np.testing.assert_array_equal(drawn, run.T_block[:, -1])
-    bands = clock.clock(run).waits
+    bands = time_axis.clock(run).waits
     assert len(bands) == 8
     assert bands[0] == (35.0, 45.0)
 
 
 def test_waits_that_would_fill_the_map_are_compressed(runs):
     run = runs["long_waits"]
-    when = clock.clock(run)
+    when = time_axis.clock(run)
     assert when.compressed
     assert "compressed" in film.draw(run).axes[0].get_xlabel()
     columns = when.columns(300)
     assert (columns[0], columns[-1]) == (run.time[0], run.time[-1])
     sliding = (np.diff(columns) < 1.0).mean()
-    assert sliding == pytest.approx(1 / (1 + clock.KEPT), abs=0.02)
-    assert not clock.clock(runs["run_in"]).compressed
+    assert sliding == pytest.approx(1 / (1 + time_axis.KEPT), abs=0.02)
+    assert not time_axis.clock(runs["run_in"]).compressed
 
 
 def test_field_shows_ends_of_repetitions_and_the_wait(runs):
@@ -240,7 +240,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
     run, m = runs["run_in"], runs["run_in"].mesh
     shown, z_block, seen = panels(run), m.z_centre[m.block[0]], []
     assert [ax.get_title(loc="left") for ax in shown] == [f"repetition {r}" for r in range(1, 10)]
-    for ax, k in zip(shown, clock.ends(run), strict=True):
+    for ax, k in zip(shown, time_axis.ends(run), strict=True):
         cells = run.field[np.flatnonzero(run.frames == k)[0]].astype(float)
         (x, z), drawn = centres_of(ax.images[0]), [np.asarray(i.get_array()) for i in ax.images]
         grid = np.meshgrid(np.clip(z, z_block[0], z_block[-1]), np.clip(x, run.x[0], run.x[-1]), indexing="ij")
@@ -271,7 +271,7 @@ def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(
 def test_worn_shows_face_and_pressure_before_and_after_or_is_skipped(runs):
     run = runs["worn"]
     face, press = worn.draw(run).axes
-    for k, height, pressure in zip([0, *clock.ends(run)], face.lines, press.lines, strict=True):
+    for k, height, pressure in zip([0, *time_axis.ends(run)], face.lines, press.lines, strict=True):
         np.testing.assert_array_equal(height.get_ydata(), -1e6 * run.worn[k])
         np.testing.assert_array_equal(pressure.get_ydata(), 1e-6 * run.pressure[k])
     assert run.worn[-1].min() > 0

@@ -9,9 +9,9 @@ import pytest
 
 from flashtemp import simulate
 from flashtemp.__main__ import main
-from flashtemp.case import load
 from flashtemp.errors import BadInput
-from flashtemp.waiting import FINE, MOST, NEAR, Peak, clock, shortest
+from flashtemp.model.case import load
+from flashtemp.runs.wait_time import FINE, MOST, NEAR, Peak, clock, shortest
 
 SMALL = {  # a thin block on a cold holder: seconds of waiting count
     "effects": ["holder_sink"],
@@ -67,7 +67,7 @@ def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, c
 def test_text_and_progress(file, capsys, monkeypatch):
     """The printed wait is rounded up; every march is told on stderr."""
     monkeypatch.setattr(
-        "flashtemp.waiting._peak", lambda case, wait, of: Peak(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000)
+        "flashtemp.runs.wait_time._peak", lambda case, wait, of: Peak(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000)
     )
     assert main(arguments(file, "--below", "40")) == 0
     out, err = capsys.readouterr()
@@ -85,7 +85,8 @@ def test_text_and_progress(file, capsys, monkeypatch):
 def test_few_marches_suffice(case, monkeypatch, constant, level):
     """Cooling like exp(-sqrt(wait/constant)), hot by 20 K: within the tolerance in at most 12 marches."""
     monkeypatch.setattr(
-        "flashtemp.waiting._peak", lambda case, wait, of: Peak(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0)
+        "flashtemp.runs.wait_time._peak",
+        lambda case, wait, of: Peak(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0),
     )
     below, exact = 40 + 20 * level, constant * log(level) ** 2
     answer = shortest(case(), below)

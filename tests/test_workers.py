@@ -14,13 +14,13 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp import workers
-from flashtemp.case import load
-from flashtemp.effect import find
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.prediction import Force, Look, Task, Wanted, look
 from flashtemp.errors import BadInput, SolverFailure
-from flashtemp.look import Force, Look, Task, Wanted, look
-from flashtemp.model import Model
-from flashtemp.workers import attempt, crew
+from flashtemp.model.case import load
+from flashtemp.physics.effect import find
+from flashtemp.runs import workers
+from flashtemp.runs.workers import attempt, crew
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.1, "numerics.mesh": 0.3, "output.profiles": 8,

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from flashtemp.errors import BadInput
 from flashtemp.viz import theme, views
-from flashtemp.viz.screen import DPI, SIZE, Screen, temperature_map
+from flashtemp.viz.animation_frame import DPI, SIZE, Screen, temperature_map
 
 MOST = 80  # frames
 SECONDS = 14.0  # of the whole animation, about

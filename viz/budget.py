@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.clock import clock
+from flashtemp.viz.time_axis import clock
 
 PARTS = {"block": theme.BLOCK, "holder": theme.HOLDER, "air": theme.AIR, "road": theme.ROAD}
 WORDS = {"block": "kept in the block", "holder": "to the holder", "air": "to the air", "road": "into the road"}

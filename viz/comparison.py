@@ -12,7 +12,6 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from flashtemp.viz import theme
-from flashtemp.viz.clock import clock
 from flashtemp.viz.residuals import (
     BAND,
     BEYOND,
@@ -27,6 +26,7 @@ from flashtemp.viz.residuals import (
     plain,
     sliding,
 )
+from flashtemp.viz.time_axis import clock
 
 WIDTH = 9.6  # inches; four images side by side need more than a column of print
 MASKED = "#A9A9A9"

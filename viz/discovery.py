@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from flashtemp.viz import causes, evidence, gain, missing, theme, wrong
+from flashtemp.viz import before_after, candidates, difference, missing_heat, theme, whitened_maps
 
 CAPTIONS = {
     "what_is_wrong": (
@@ -57,12 +57,12 @@ def figures(verdict) -> dict[str, Figure]:
         return {}
     alike = verdict.separability is not None and len(verdict.separability[0]) > 0
     drawn = {
-        "what_is_wrong": (wrong.draw, bool(verdict.before)),
-        "not_noise": (evidence.draw, bool(verdict.before)),
-        "missing": (missing.draw, bool(verdict.missing)),
-        "why": (causes.why, bool(causes.scores(verdict))),
-        "else": (causes.alternatives, alike or bool(verdict.nuisance)),
-        "gained": (gain.draw, gain.applies(verdict)),
+        "what_is_wrong": (difference.draw, bool(verdict.before)),
+        "not_noise": (whitened_maps.draw, bool(verdict.before)),
+        "missing": (missing_heat.draw, bool(verdict.missing)),
+        "why": (candidates.why, bool(candidates.scores(verdict))),
+        "else": (candidates.alternatives, alike or bool(verdict.nuisance)),
+        "gained": (before_after.draw, before_after.applies(verdict)),
     }
     return {name: draw(verdict) for name, (draw, applies) in drawn.items() if applies}
 

@@ -7,9 +7,9 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.tables import between
+from flashtemp.physics.interpolation import between
 from flashtemp.viz import theme
-from flashtemp.viz.clock import clock, ends
+from flashtemp.viz.time_axis import clock, ends
 
 ROAD_SHOWN = 3e-3  # m of road drawn to scale
 BLOCK_NEAR, ROAD_NEAR = 2e-3, 1e-3  # m of the stretched panels at most

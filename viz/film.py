@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.tables import between
+from flashtemp.physics.interpolation import between
 from flashtemp.viz import theme
-from flashtemp.viz.clock import Clock, clock, means
+from flashtemp.viz.time_axis import Clock, clock, means
 
 FEW = 16  # repetitions; more are drawn with thinner lines
 COLUMNS, ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme, views
-from flashtemp.viz.clock import ends
+from flashtemp.viz.time_axis import ends
 
 MOST = 12  # panels
 COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.clock import ends
+from flashtemp.viz.time_axis import ends
 
 EARLIER = 4  # faint curves at most
 

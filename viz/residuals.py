@@ -27,7 +27,7 @@ def condition(given: dict) -> str:
 
 def _quantity(key: str, value) -> str:
     """One override, in MPa where it is a large pressure."""
-    from flashtemp.keys import TABLES
+    from flashtemp.model.schema import TABLES
 
     table, _, name = key.rpartition(".")
     unit = getattr(TABLES.get(table, {}).get(name), "unit", "")

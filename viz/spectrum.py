@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.friction.roughness import Points, SelfAffine
+from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine
 from flashtemp.viz import theme
 
 

@@ -84,10 +84,10 @@ def _distances(ax, found, colours) -> None:
 
 def _slips(ax, found, colours) -> None:
     """Mean over the footprint against slip."""
-    from flashtemp.friction import tread
+    from flashtemp.physics.friction import tread_block
 
-    ax.plot(tread.SWEPT, found.friction, color="#222222", lw=0.9, label="cold-hot law")
-    means = [tread.mean_traction(path)[0] for path, _ in found.kernel]
+    ax.plot(tread_block.SWEPT, found.friction, color="#222222", lw=0.9, label="cold-hot law")
+    means = [tread_block.mean_traction(path)[0] for path, _ in found.kernel]
     ax.scatter(found.slips, means, c=colours, s=24, zorder=3, edgecolors="white", linewidths=0.6)
     ax.plot([], [], "o", color=theme.AMBIENT, ms=4.5, label="kernel theory")
     ratio = found.spots.diameter / found.tread.footprint

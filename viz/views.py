@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.mesh import centres
-from flashtemp.tables import between
+from flashtemp.meshes.mesh import centres
+from flashtemp.physics.interpolation import between
 from flashtemp.viz import theme
-from flashtemp.viz.clock import ends
+from flashtemp.viz.time_axis import ends
 
 COLUMNS, ROWS = 400, 112  # along the block and up the block: finer than its pixels in every picture
 STRIP, GAP = 0.24, 0.06  # height of the strip and its distance from the block, in heights of the block

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.mesh import centres
-from flashtemp.tables import between
+from flashtemp.meshes.mesh import centres
+from flashtemp.physics.interpolation import between
 from flashtemp.viz import theme
 from flashtemp.viz.views import COLUMNS, ROWS, has_wake
 

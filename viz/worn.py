@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.clock import ends
+from flashtemp.viz.time_axis import ends
 
 CURVES = 4  # repetitions at most
 SAME = 1e-3  # changes of p(x)/mean(p) that are none

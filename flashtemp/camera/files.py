@@ -6,9 +6,9 @@ import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from flashtemp.camera import arrays, fff, irb, matrices, tiff
-from flashtemp.camera.frames import Frames
+from flashtemp.camera.formats import arrays, flir, infratec, text, tiff
 from flashtemp.camera.radiometry import Planck
+from flashtemp.camera.raw_frames import Frames
 from flashtemp.errors import BadInput
 
 SCIENCE = "open it in ResearchIR or Research Studio, export TIFF (with scale and offset), CSV or MAT, and give that"
@@ -88,11 +88,11 @@ def _by_magic(path: Path, data: bytes, known: Unsaid) -> Frames:
     linear = {"scale": known.scale, "offset": known.offset}
     if data.startswith(b"\xff\xd8"):
         return _jpeg(data, known)
-    if data.startswith(fff.MAGIC):
-        frames = fff.read(data, "FLIR FFF", known.parameters, known.planck, known.every)
+    if data.startswith(flir.MAGIC):
+        frames = flir.read(data, "FLIR FFF", known.parameters, known.planck, known.every)
         return replace(frames, format="FLIR sequence") if len(frames.temperature) > 1 else frames
-    if data.startswith(irb.MAGIC):
-        return irb.read(data)
+    if data.startswith(infratec.MAGIC):
+        return infratec.read(data)
     if data.startswith(tiff.MAGIC):
         return tiff.read(data, unit=known.unit, **linear)
     if data.startswith(tiff.PNG):
@@ -100,14 +100,14 @@ def _by_magic(path: Path, data: bytes, known: Unsaid) -> Frames:
     if data.startswith((arrays.HDF5, arrays.MATLAB, *arrays.CLASSIC)):
         return arrays.read(path, data, unit=known.unit, variable=known.variable, **linear)
     _refuse(path, data)
-    return matrices.read(data, unit=known.unit, below=known.below, decimal=known.decimal, **linear)
+    return text.read(data, unit=known.unit, below=known.below, decimal=known.decimal, **linear)
 
 
 def _jpeg(data: bytes, known: Unsaid) -> Frames:
-    block = fff.joined(data)
+    block = flir.joined(data)
     if not block:
         raise BadInput("JPEG without thermal data" + COLOURS)
-    return fff.read(block, "FLIR radiometric JPEG", known.parameters, known.planck)
+    return flir.read(block, "FLIR radiometric JPEG", known.parameters, known.planck)
 
 
 def _refuse(path: Path, data: bytes) -> None:

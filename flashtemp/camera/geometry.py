@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.camera.frames import need
 from flashtemp.camera.radiometry import LONG_WAVE, Planck
+from flashtemp.camera.raw_frames import need
 from flashtemp.errors import BadInput
 
 DIRECTIONS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "down": (0.0, 1.0), "up": (0.0, -1.0)}  # (column, row)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.camera import files, geometry, timing
-from flashtemp.camera.frames import Frames
+from flashtemp.camera.import_options import Facts, option
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
+from flashtemp.camera.raw_frames import Frames
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.template import Facts, option
 from flashtemp.errors import BadInput, nearest
 
 MM = 1e-3
@@ -334,7 +334,7 @@ def _block(facts: Facts) -> tuple[float, float] | None:
         return MM * facts.block[0], MM * facts.block[1]
     if facts.case is None:
         return None
-    from flashtemp.case import load
+    from flashtemp.model.case import load
 
     case = load(facts.case)
     return case["block.length"], case["block.height"]

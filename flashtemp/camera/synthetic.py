@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.camera.operator import Instrument, observe
+from flashtemp.camera.observation import Instrument, observe
 from flashtemp.camera.recording import Recording
 
 ALIKE = 0.95, 0.01  # emissivity told to the camera, and how well it is known

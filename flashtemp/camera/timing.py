@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.camera.frames import Frames
-from flashtemp.camera.matrices import decoded, moment
-from flashtemp.camera.template import Facts
+from flashtemp.camera.formats.text import decoded, moment
+from flashtemp.camera.import_options import Facts
+from flashtemp.camera.raw_frames import Frames
 from flashtemp.errors import BadInput
 
 Seen = list[tuple[Path, Frames]]
@@ -121,7 +121,7 @@ def repetitions(seen: Seen, time: np.ndarray, facts: Facts) -> np.ndarray:
             raise BadInput(f"starts: {list(facts.starts)}; they must increase, s from the first start of sliding")
         return np.maximum(np.searchsorted(starts, time + 1e-9, side="right"), 1)
     if facts.case is not None:
-        from flashtemp.case import build, load
+        from flashtemp.model.case import build, load
 
         begins = sorted({p.start for p in build(load(facts.case)).schedule.phases})
         return np.maximum(np.searchsorted(begins, time + 1e-9, side="right"), 1)

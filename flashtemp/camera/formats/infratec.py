@@ -1,0 +1,100 @@
+"""InfraTec's IRB: a directory of 32-byte blocks, each image with its own palette of kelvins.
+
+A pixel is two bytes, a fraction and an index i: T = palette[i] + fraction/256 (palette[i + 1] - palette[i]), K.
+Layout: byte map and sample image of the project `irb` (J. Schilling).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+
+from flashtemp.camera.radiometry import KELVIN
+from flashtemp.camera.raw_frames import MOST_PIXELS, Frames
+from flashtemp.errors import BadInput
+
+MAGIC = b"\xffIRB\0"
+HEADER, ENTRY, IMAGE = 64, 32, 1
+PALETTE, CLOCK, PIXELS = 60, 1624, 1728  # offsets inside an image block
+DAY, EPOCH = 86400.0, 25569.0  # s; days from 1899-12-30 to 1970
+AGAIN = "copy it again or export it anew; what is there cannot be used"
+ASCII = "export it from IRBIS as ASCII (File, Export) and give that"
+
+
+def read(data: bytes) -> Frames:
+    """All images of an IRB file, degC; compressed images and video (another layout) raise BadInput."""
+    images, clocks, said = [], [], {}
+    for at, length in _directory(data):
+        image = data[at : at + length]
+        images.append(_temperatures(image))
+        clocks.append(_clock(image))
+        said = said or _said(image)
+        if images[-1].shape != images[0].shape:
+            raise BadInput(f"images of {images[0].shape} and {images[-1].shape} pixels in one file; {ASCII}")
+    if not images:
+        raise BadInput(f"no image in it (a video or an empty file); {ASCII}")
+    return Frames(
+        format="InfraTec IRB",
+        temperature=np.stack(images),
+        clock=None if None in clocks else np.array(clocks),
+        said=said,
+        camera=_text(data, images_at=next(_directory(data))[0]),
+    )
+
+
+def _directory(data: bytes):
+    """Offset and length of every image block."""
+    if len(data) < HEADER:
+        raise BadInput(f"cut off in its header; {AGAIN}")
+    start, entries = struct.unpack_from("<2I", data, 25)
+    if not 0 < entries <= 100_000 or start + ENTRY * entries > len(data):
+        raise BadInput(f"the directory of its blocks is cut off or damaged; {AGAIN}")
+    for k in range(entries):
+        kind, _, _, at, length = struct.unpack_from("<5I", data, start + ENTRY * k)
+        if kind == IMAGE:
+            if at + length > len(data):
+                raise BadInput(f"cut off: an image needs {at + length} bytes and the file has {len(data)}; {AGAIN}")
+            if length < PIXELS:
+                raise BadInput(f"an image block of {length} bytes is none of a single image; {ASCII}")
+            yield at, length
+
+
+def _temperatures(image: bytes) -> np.ndarray:
+    depth, compressed, columns, rows = struct.unpack_from("<4H", image)
+    if compressed or depth != 2:
+        kind = "compressed" if compressed else f"{depth} bytes per pixel"
+        raise BadInput(f"its images are of a kind that cannot be read here ({kind}); {ASCII}")
+    if not 0 < rows * columns <= MOST_PIXELS or len(image) < PIXELS + 2 * rows * columns:
+        raise BadInput(f"{len(image) - PIXELS} bytes for {columns} x {rows} pixels; {AGAIN}")
+    with np.errstate(invalid="ignore"):  # damage may spell a signalling NaN
+        palette = np.frombuffer(image, "<f4", 256, PALETTE).astype(float)
+    if not (np.all(np.isfinite(palette)) and palette.min() >= 0 and 0 < palette.max() < 5000):
+        raise BadInput(f"the palette of its temperatures is damaged; {AGAIN}")
+    pixels = np.frombuffer(image, np.uint8, 2 * rows * columns, PIXELS).reshape(rows, columns, 2)
+    fraction, index = pixels[..., 0] / 256.0, pixels[..., 1]
+    steps = np.diff(palette, append=palette[-1])
+    return palette[index] + fraction * steps[index] - KELVIN
+
+
+def _clock(image: bytes) -> float | None:
+    """Seconds since 1970 of the camera's clock: days since 1899-12-30 and thousandths of a second apart."""
+    days, thousandths = struct.unpack_from("<dI", image, CLOCK)
+    if not (math.isfinite(days) and EPOCH < days < 2 * EPOCH + DAY and thousandths < 1000):
+        return None
+    return round((days - EPOCH) * DAY) + thousandths / 1000
+
+
+def _said(image: bytes) -> dict[str, float]:
+    emissivity, distance, surroundings = struct.unpack_from("<3f", image, 24)
+    said = {"emissivity": emissivity, "distance": distance, "reflected": surroundings - KELVIN}
+    known = 0 < emissivity <= 1 and 0 <= distance < 1e4 and 0 < surroundings < 3000
+    return {k: float(f"{v:.6g}") for k, v in said.items()} if known else {}
+
+
+def _text(data: bytes, images_at: int) -> str:
+    """The camera's name out of the file's and the image's header."""
+    device = data[5:13].split(b"\0")[0].decode("ascii", "replace")
+    optics = data[images_at + 1286 : images_at + 1318].split(b"\0")[0].decode("ascii", "replace")
+    return f"{device}, {optics}" if optics.isprintable() and optics else device

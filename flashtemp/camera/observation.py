@@ -1,0 +1,237 @@
+"""What a camera would have seen of a run: pixels, optics and radiance, for the side wall, the wake or a profile.
+
+Temperatures become radiance first; pixel and point spread average radiance, never kelvin; the camera
+turns the mean back with the emissivity and the reflected temperature it was told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import erfc
+
+from flashtemp.camera.radiometry import LONG_WAVE
+from flashtemp.camera.recording import Recording
+from flashtemp.model.laws import Laws
+from flashtemp.model.scene import KELVIN, Acting, Scene
+from flashtemp.physics.interpolation import between
+
+TYPICAL = 0.95  # emissivity where a recording does not say
+WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
+ABOVE = 10  # even cells up the block where a side wall is seen
+PARTS = 3  # points per cell of the fields that are seen
+RIM = 1.5  # px around the edge of a body that no comparison uses
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road."""
+
+    temperature: np.ndarray
+    inside: np.ndarray
+
+
+# --- pixels -----------------------------------------------------------------------------------------
+def _ramp(x, s):
+    """Integral of the normal distribution function of width s, and its integral."""
+    if s == 0:
+        up = np.where(np.real(x) > 0, x, 0.0)
+        return up, 0.5 * up * up
+    half = 0.5 * erfc(-x / (np.sqrt(2.0) * s))
+    bell = s / np.sqrt(2 * np.pi) * np.exp(-0.5 * (x / s) ** 2)
+    return x * half + bell, 0.5 * ((x * x + s * s) * half + x * bell)
+
+
+def pixel_weights(centres, pitch: float, sigma, nodes) -> np.ndarray:
+    """Weights (pixels, nodes) of a field that is linear between nodes (m) and zero outside them.
+
+    A pixel is a box of `pitch` (m) convolved with a Gaussian of `sigma` (m); exact integrals.
+    """
+    x = np.asarray(centres)[:, None] - np.asarray(nodes)[None]
+    ahead, behind = _ramp(x + 0.5 * pitch, sigma), _ramp(x - 0.5 * pitch, sigma)
+    once, twice = ((a - b) / pitch for a, b in zip(ahead, behind, strict=True))
+    step = np.diff(nodes)
+    area = once[:, :-1] - once[:, 1:]
+    later = (-step * once[:, 1:] + twice[:, :-1] - twice[:, 1:]) / step
+    weights = np.zeros(x.shape, dtype=later.dtype)
+    weights[:, :-1] += area - later
+    weights[:, 1:] += later
+    return weights
+
+
+def _ends(values, axis: int):
+    """A field with its outermost values repeated at the ends of an axis."""
+    return np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
+
+
+def _smooth_ends(values, nodes, axis: int):
+    """A field at cell centres with its values at both edges of an axis added, on parabolas through three cells.
+
+    `nodes` are the first edge, the centres and the last edge.
+    """
+    ends = []
+    for at, near in ((nodes[0], slice(0, 3)), (nodes[-1], slice(-3, None))):
+        centre = nodes[1:-1][near]
+        weights = [np.prod((at - np.delete(centre, i)) / (c - np.delete(centre, i))) for i, c in enumerate(centre)]
+        end = np.tensordot(np.array([weights]), np.moveaxis(values, axis, 0)[near], 1)
+        ends.append(np.moveaxis(end, 0, axis))
+    return np.concatenate([ends[0], values, ends[1]], axis)
+
+
+def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """A field and its nodes at PARTS points per cell, by cubic splines over the number of the cell.
+
+    The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in that
+    number: what is linear between the new nodes is far closer to the field.
+    """
+    n = len(nodes) - 2
+    if n < 2:
+        return values, nodes
+    number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
+    at = np.arange(n * PARTS + 1) / PARTS
+    weights = CubicSpline(number, np.eye(n + 2))(at)
+    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), CubicSpline(number, nodes)(at)
+
+
+# --- the wall ---------------------------------------------------------------------------------------
+def wall_cooling(scene: Scene, films: np.ndarray, z: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Rise of the wall over that of the section behind it (frames, z): 1/(1 + h l/k), a fin correction.
+
+    In 2D the section is the mean across the width W; the wall is cooler by what its film h (frames,) W/m2K
+    takes out over l = (2 z/pi) ln(1 + pi l_t/(2 z)), l_t = 2 sqrt(D t/pi) until W/6 limits it; `since` (frames,)
+    s warm, z (z,) in m above a face that the contact holds.  Good to 12 % of the difference (docs/camera.md).
+    """
+    k, D = scene.block.conductivity, scene.block.diffusivity
+    reach = 2.0 * np.sqrt(D * np.maximum(since, 1e-9) / np.pi)
+    reach = (reach**-4.0 + (scene.width / 6.0) ** -4.0) ** -0.25
+    above = np.maximum(z, 1e-9)
+    length = 2.0 * above / np.pi * np.log1p(0.5 * np.pi * reach[:, None] / above)
+    return 1.0 / (1.0 + films[:, None] * length / k)
+
+
+def corner_length(z, half: float):
+    """Length l (m): h l/k is how much cooler the wall is than `half` behind it, at z (m) above a face that is held.
+
+    Exact for even cooling of the wall of a corner without end; `half` far above, where heat flows straight to the wall.
+
+    >>> [round(float(corner_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
+    [0.0, 0.21, 0.721, 0.997]
+    """
+    above = np.maximum(z, 1e-9 * half)
+    return 2.0 / np.pi * (0.5 * above * np.log1p((half / above) ** 2) + half * np.arctan(above / half))
+
+
+def _films(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Heat-transfer coefficient (frames,) W/m2K of the block's walls."""
+    films = Laws(scene).films.get("block.sides" if scene.resolved else "block.leading", [])
+    out = np.zeros(len(times))
+    for i, t in enumerate(times):
+        phase = scene.schedule.phase(t)
+        now = scene.moment(phase, min(max(t, phase.begin), phase.end))
+        out[i] = sum(part.law(now, p) for part, p, _ in films)
+    return out
+
+
+# --- the operator -----------------------------------------------------------------------------------
+class Instrument:
+    """The camera with what acts on it: values of its quantities for a recording."""
+
+    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = ()):
+        self.recording, self.laws = recording, [(part, a.p) for a in acting for part in a.effect.see(a.p)]
+
+    def __call__(self, quantity: str, base):
+        """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
+        now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
+        return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
+
+    def times(self) -> np.ndarray:
+        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
+        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", 0.0)
+
+
+def observe(
+    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0
+) -> Seen:
+    """What the camera of a recording would have reported of a run, with instrument effects `acting`.
+
+    `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
+    may be complex for their derivatives.  Fields of the run are interpolated in time; a run that kept them
+    at `Instrument.times` loses nothing.
+    """
+    camera = Instrument(recording, acting)
+    times = np.clip(camera.times(), 0.0, run.time[-1])
+    body, along, up = _body(run, scene, recording, times)
+    background = scene.ambient - KELVIN
+    line = recording.view == "profile"
+    given = recording.emissivity or (1.0 if line else TYPICAL)
+    reflected = background if recording.reflected_degC is None else recording.reflected_degC
+    emissivity = camera("emissivity", given + change)
+    mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
+    x = _weights(camera, 0, along, shift)
+    z = np.ones((1, 1)) if line else _weights(camera, 1, up, shift)
+    outside = LONG_WAVE.counts(background)
+    S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
+    told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
+    offset = np.broadcast_to(camera("offset", 0.0), len(times))
+    return Seen(LONG_WAVE.temperature(told) + offset[:, None, None], _inside(recording, along, up))
+
+
+def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:
+    """Pixel weights along u (0) or v (1) with the camera's shift and point spread."""
+    recording, name = camera.recording, "uv"[axis]
+    pitch = recording.pitch[axis]
+    if not np.isfinite(pitch):
+        pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
+    centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
+    sigma = camera("blur", recording.psf_sigma_px or 0.0)
+    return pixel_weights(centres, pitch, sigma * pitch, nodes)
+
+
+def _body(run, scene, recording, times):
+    """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
+    mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
+    x = np.concatenate([edges[:1], run.x, edges[1:]])
+    if recording.view == "profile":
+        T = _smooth_ends(between(run.T_block, run.time, times)[:, None], x, 2)
+        return *finer(T, x, 2), np.zeros(1)
+    if recording.view == "wake":
+        behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
+        half = 0.5 * scene.width
+        if scene.resolved:
+            T = _ends(_ends(between(run.maps["T_wake"].astype(float), run.time[run.frames], times), 1), 2)
+            return np.swapaxes(T, 1, 2), behind, np.concatenate([[-half], mesh.y_centre, [half]])
+        T = _ends(between(run.T_wake, run.time, times), 1)[:, None]
+        return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
+    height = mesh.height
+    z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
+    kept = run.time[run.frames]
+    near = mesh.everywhere(mesh.block)[..., 0]  # x to the right and z up: the camera sees the wall at y = -W/2
+    cells = between(run.field[:, near].astype(float), kept, times)
+    face = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
+    face = between(face.astype(float), kept, times)
+    section = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2)
+    air, films = scene.ambient - KELVIN, _films(scene, times)
+    if scene.resolved:  # from the cell's centre to its wall
+        length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
+        factor = 1.0 / (1.0 + films[:, None] * length / scene.block.conductivity)
+    else:
+        factor = wall_cooling(scene, films, z, times)
+    wall = np.swapaxes(air + (_smooth_ends(section, x, 1) - air) * factor[:, None], 1, 2)
+    wall, x = finer(wall, x, 2)
+    wall, z = finer(wall, z, 1)
+    return wall, x, z
+
+
+def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to."""
+    masks, least = [], RIM + max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
+    for centres, pitch, nodes in zip((recording.u, recording.v), recording.pitch, (along, up), strict=True):
+        rim = 0.5 * pitch if recording.view == "profile" else least * pitch
+        free = len(nodes) == 1 or not np.isfinite(pitch)
+        masks.append(
+            np.full(len(centres), True) if free else (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim)
+        )
+    return masks[1][:, None] & masks[0][None]

@@ -1,0 +1,68 @@
+"""Where the image really is: one small shift per recording, by Gauss-Newton with exact resampling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.camera.observation import Seen, observe
+from flashtemp.camera.recording import Recording
+
+STEP = 1e-30
+FAR = 3.0  # standard deviations: a shift beyond is not the image's
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Shift of an image along u and v in px with its standard errors, and what is seen with it.
+
+    `refused` (px): a shift that would fit best but lies beyond what is known of the origin; then none is applied.
+    """
+
+    shift: tuple[float, float]
+    error: tuple[float, float]
+    seen: Seen
+    refused: tuple[float, float] | None = None
+
+
+def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) -> Alignment:
+    """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
+
+    `plain` is what is seen without a shift; it comes back where none is found.
+    `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A single row of pixels cannot be shifted
+    across, nor can the wake across y: only its rims would tell, and they are left out.
+    """
+    axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1]
+    if recording.view == "wake":
+        axes = [a for a in axes if a == 0]
+    shift = np.zeros(2)
+    seen, acting = plain, scene.acting
+    if known <= 0.0 or not axes:
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain)
+    for _ in range(8):
+        left = _column(weigh, recording.temperature - seen.temperature, seen)
+        slopes = []
+        for a in axes:
+            moved = shift + 1j * STEP * np.eye(2)[a]
+            slopes.append(_column(weigh, observe(run, scene, recording, acting, moved).temperature.imag / STEP, seen))
+        J = np.stack(slopes, axis=1)
+        good = np.isfinite(left)
+        normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
+        step = np.linalg.solve(normal, J[good].T @ left[good] - shift[axes] / known**2)
+        step = np.clip(step, -1.0, 1.0)
+        shift[axes] += step
+        seen = observe(run, scene, recording, acting, shift)
+        if np.abs(step).max() < 1e-6:
+            break
+    if np.abs(shift).max() > FAR * known:
+        best = tuple(map(float, shift))
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain, best)
+    error = np.zeros(2)
+    error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return Alignment(tuple(map(float, shift)), tuple(map(float, error)), seen)
+
+
+def _column(weigh, values: np.ndarray, seen: Seen) -> np.ndarray:
+    """Residuals or slopes (frames, nv, nu) K as one column in sigma, NaN where the edge of a body is seen."""
+    return weigh(np.where(seen.inside, values, np.nan)).ravel()

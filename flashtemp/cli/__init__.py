@@ -1,0 +1,1 @@
+"""The commands of flashtemp, one file per group of commands."""

@@ -1,0 +1,197 @@
+"""A synthetic campaign with a hidden effect, made by another discretisation than the one that will judge it.
+
+The truth is computed on a finer mesh with other grading, tolerance and order, with nuisance parameters drawn
+within what is known of them, and is sealed in a file of its own that nothing else reads.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.camera import synthetic
+from flashtemp.camera.observation import ABOVE, WAKE
+from flashtemp.errors import BadInput
+from flashtemp.model import case as cases
+from flashtemp.model.numerics import available, choose
+from flashtemp.model.schema import declared, refinement
+from flashtemp.physics.effect import catalogue, find
+from flashtemp.runs.folders import whole
+from flashtemp.solver.march import march
+
+NETD = 0.05  # K
+FORCE = 0.005  # standard deviation of one reading of the load cell
+KNOWN = {  # how well a laboratory knows what it may calibrate: relative standard deviation
+    "friction.mu": 0.05,
+    "contact.spot_fraction": 0.05,
+    "ambient.convection": 0.2,
+}
+JITTER = 0.02  # of friction, from run to run
+CONDITIONS = ((1.0, 1.0), (0.5, 1.0), (1.0, 3.0), (0.5, 3.0))  # factors on contact.pressure and schedule.speed
+SEALED = "sealed/truth.json"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a twin is made of: names of `hidden` effects, `seed`, number of `conditions`, `views` and frames.
+
+    `nuisance` scales everything that is drawn within what is known: 0 leaves noise, pattern and dead pixels.
+    """
+
+    hidden: tuple[str, ...]
+    seed: int
+    conditions: int = 4
+    views: tuple[str, ...] = ("sidewall", "wake")
+    sliding: int = 4
+    waiting: int = 1
+    nuisance: float = 1.0
+
+
+def twin(case: cases.Case, plan: Plan, out, watch: Callable[[str], Any] = lambda text: None) -> Path:
+    """Write campaign.toml, case.toml, recordings, load-cell traces and the sealed truth into a new folder.
+
+    Raises BadInput, SolverFailure.
+    """
+    out = Path(out)
+    _check(case, plan)
+    with whole(out) as work:
+        _write(case, plan, work, watch)
+    return out
+
+
+def _check(case: cases.Case, plan: Plan) -> None:
+    for name in plan.hidden:
+        if find(name).base:
+            raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
+    if len(set(plan.hidden)) < len(plan.hidden):
+        raise BadInput(f"--hide: {', '.join(plan.hidden)}: an effect is named twice; once is enough")
+    if plan.seed < 0:
+        raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
+    if not 0 <= plan.nuisance <= 3:
+        raise BadInput(f"--nuisance: {plan.nuisance:g}; give a scale from 0 to 3")
+    if len(set(plan.views)) < len(plan.views):
+        raise BadInput(f"--views: {','.join(plan.views)}: a view is named twice; once is enough")
+    if not 1 <= plan.conditions <= len(CONDITIONS):
+        raise BadInput(f"--conditions: {plan.conditions}; give 1 to {len(CONDITIONS)}")
+    for view in plan.views:
+        if view not in synthetic.FACES:
+            raise BadInput(f"--views: {view!r}; give some of {', '.join(synthetic.FACES)}")
+    for key in ("contact.pressure", "schedule.speed"):
+        if not isinstance(case[key], (int, float)):
+            raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
+
+
+def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
+    import tomli_w
+
+    rng = np.random.default_rng(plan.seed)
+    believed = replace(case, effects=tuple(e for e in case.effects if e not in plan.hidden))
+    believed = replace(believed, values={t: v for t, v in case.values.items() if t not in plan.hidden})
+    (work / "case.toml").write_text(believed.toml(believed.copy_files(work)), encoding="utf-8")
+    strengths = {name: strength(name, case, rng) for name in plan.hidden}
+    drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in KNOWN.items()}
+    numerics = discretisation(case, rng)
+    truth = {"hidden": strengths, "nuisance": drawn, "numerics": numerics, "seed": plan.seed, "recordings": {}}
+    entries: dict[str, list] = {"recording": [], "force": []}
+    for number, factors in enumerate(CONDITIONS[: plan.conditions], 1):
+        given = {
+            k: float(f"{f * case[k]:.12g}")
+            for k, f in zip(("contact.pressure", "schedule.speed"), factors, strict=True)
+        }
+        watch(f"condition {number} of {plan.conditions}: {', '.join(f'{k} = {v:g}' for k, v in given.items())}")
+        jitter = 1.0 + plan.nuisance * JITTER * float(rng.normal())
+        own = {k: _within(k, case[k] * f) for k, f in drawn.items()}
+        own["friction.mu"] *= jitter
+        values = {f"{name}.{k}": v for name, p in strengths.items() for k, v in p.items()}
+        made = _truth(case, plan, given | own | numerics | values)
+        name = f"condition{number}"
+        files, faults = _condition(made, plan, rng, work, name)
+        truth["recordings"][name] = {"friction_jitter": jitter, **faults}
+        for file in files:
+            kind = "force" if file.endswith(".csv") else "recording"
+            sigma = {"sigma": FORCE} if kind == "force" else {"sigma_K": NETD}
+            entries[kind].append({"file": file, "with": given, **sigma})
+    head = {
+        "title": f"synthetic campaign of {case.name}", "case": "case.toml", "free": list(KNOWN),
+    }  # fmt: skip
+    (work / "campaign.toml").write_text(tomli_w.dumps(head | entries), encoding="utf-8")
+    (work / SEALED).parent.mkdir()
+    (work / SEALED).write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+
+
+def _within(key: str, value: float) -> float:
+    """A drawn value kept within the bounds of its key."""
+    table, name = key.split(".")
+    param = declared(table)[name]
+    return float(np.clip(value, param.low, param.high))
+
+
+def strength(name: str, case: cases.Case, rng) -> dict[str, float]:
+    """Parameters of a hidden effect: half to one and a half times its default, or what the case says of it."""
+    out = {}
+    for key, param in find(name).params().items():
+        base = case.values.get(name, {}).get(key, param.value)
+        if isinstance(base, bool) or not isinstance(base, (int, float)):
+            continue
+        factor = float(rng.uniform(0.5, 1.5)) if param.off is not None else 1.0
+        out[key] = float(np.clip(param.off + factor * (base - param.off) if param.off is not None else base,
+                                 param.low, param.high))  # fmt: skip
+    return out
+
+
+def discretisation(case: cases.Case, rng) -> dict[str, Any]:
+    """Another mesh, grading, tolerance and order than the case's own: at least 1.7 times as many cells a direction."""
+    n = case.values["numerics"]
+    other = [b for b in available() if b != choose(n["integrator"])]
+    finer = refinement(n["mesh"]) * float(rng.uniform(1.75, 2.0))
+    out = {
+        "numerics.mesh": finer,
+        "numerics.first_block": (n["first_block"] or 4e-6) * float(rng.uniform(0.6, 0.8)),
+        "numerics.rtol": n["rtol"] / 10,
+        "numerics.order": 2 if n["order"] == 3 else 3,
+    }
+    for key in ("first_x", "last_x", "first_road"):  # of the map that is refined: another grading
+        out[f"numerics.{key}"] = n[key] * float(rng.uniform(0.6, 0.8))
+    return out | ({"numerics.integrator": other[0]} if other else {})
+
+
+def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
+    """The case with its hidden effects, drawn parameters and own discretisation."""
+    effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
+    behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
+    seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE,
+            "numerics.above": ABOVE}  # fmt: skip
+    return cases.load_with(case, given | seen | {"effects": effects})
+
+
+def _condition(made: cases.Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:
+    """March the truth of one condition and write what a laboratory measured of it."""
+    scene = cases.build(made)
+    times, repetition = synthetic.moments(scene.schedule, plan.sliding, plan.waiting)
+    blanks = {view: synthetic.blank(view, scene, times, repetition, NETD) for view in plan.views}
+    asked = {float(t) for r in blanks.values() for t in synthetic.shown(r, scene.acting)}
+    inside = tuple(sorted(t for t in asked if 0.0 <= t <= scene.schedule.end))
+    run = march(scene, replace(cases.settings(made), times=inside, fields=2), made.title)
+    files, faults = [], {}
+    for view, recording in blanks.items():
+        own = synthetic.draw(recording, rng, plan.nuisance)
+        faults[view] = asdict(own)
+        synthetic.expose(run, scene, recording, own, rng).save(work / f"{name}_{view}.nc")
+        files.append(f"{name}_{view}.nc")
+    on = run.sliding & np.isfinite(run.friction)
+    t = np.linspace(0.0, scene.schedule.end, 200)
+    t = t[np.interp(t, run.time, run.sliding.astype(float)) > 0.99]
+    mu = np.interp(t, run.time[on], run.friction[on]) + FORCE * rng.normal(size=len(t))
+    files.append(f"{name}_mu.csv")
+    np.savetxt(work / files[-1], np.column_stack([t, mu]), delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
+    return files, faults
+
+
+def hideable() -> list[str]:
+    """Names of the effects that can be hidden."""
+    return [n for n, e in catalogue().items() if not e.base]

@@ -1,0 +1,1 @@
+"""What the model is missing: hypothesis, prediction, calibration, scores, search, assessment, verdict."""

@@ -1,0 +1,54 @@
+"""Deviations without a name: friction that scatters from run to run, and pressure of any shape along the block.
+
+They belong to no catalogue.  Calibration carries them with small priors, and whatever needs them large
+is physics that the catalogue does not hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from flashtemp.model.scene import Acting, Scene
+from flashtemp.physics.effect import Effect, Factor, Term
+
+
+class Scatter(Effect):
+    """Friction of one repetition a little higher: mu (1 + size)."""
+
+    def heat(self, scene, p):
+        """Multiplies mu in repetition `number`."""
+        yield Factor("friction.mu", lambda T, now, p: 1.0 + p.size * (now.repetition == p.number))
+
+
+class Mode(Effect):
+    """Cosine of the nominal contact pressure along the block, constant or growing from repetition to repetition."""
+
+    steady = True  # within a stretch, for which alone anything is kept
+
+    def heat(self, scene, p):
+        """Adds size cos(number pi x/L) to local over mean pressure, times -1..1 over the repetitions for a trend."""
+        last = scene.schedule.repetitions
+
+        def law(T, now, p):
+            grown = 2.0 * (now.repetition - 1) / max(last - 1, 1) - 1.0 if p.trend else 1.0
+            return p.size * grown * np.cos(p.number * np.pi * now.x / scene.length)
+
+        yield Term("contact.pressure", law)
+
+
+def with_scatter(scene: Scene, repetition: int, size: float) -> Scene:
+    """The scene with friction higher by a share `size` in one repetition."""
+    return _with(scene, Scatter(), number=repetition, size=size)
+
+
+def with_mode(scene: Scene, number: int, size: float, trend: bool = False) -> Scene:
+    """The scene with a cosine of `number` half waves along the block added to its relative pressure."""
+    return _with(scene, Mode(), number=number, size=size, trend=trend)
+
+
+def _with(scene: Scene, effect: Effect, **values) -> Scene:
+    part = Acting(type(effect).__name__.lower(), effect, SimpleNamespace(**values))
+    return replace(scene, acting=(*scene.acting, part))

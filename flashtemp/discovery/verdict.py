@@ -1,0 +1,203 @@
+"""What `discover` found: verdict, causes, what they gain and what else it could have been (contract 5.5)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from flashtemp.comparison.compare import Pulling, Seeing
+
+SCHEMA = "flashtemp.verdict/1"
+KINDS = ("named", "weak", "group", "none_needed", "unexplained", "no_verdict")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter in its own `unit`, with standard error and 95 % interval; `bound`: it lies on a bound."""
+
+    name: str
+    value: float
+    stderr: float
+    ci95: tuple[float, float]
+    unit: str = "1"
+    bound: bool = False
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2`, `held_out_gain` in ln probability of
+    all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
+    signal to noise after projection, `raw_share` the share of its signal that calibration cannot absorb;
+    `per_condition` (condition, value, stderr) of its first parameter, `consistent` the probability of so
+    much scatter between conditions.
+    """
+
+    effect: str
+    words: str
+    parameters: tuple[Estimate, ...]
+    delta_chi2: float
+    held_out_gain: float
+    distinctness: float
+    ln_bayes: float = 0.0
+    z: float = 0.0
+    raw_share: float = 0.0
+    per_condition: tuple[tuple[str, float, float], ...] = ()
+    consistent: float = 1.0
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A candidate that was tried: `score` its ln Bayes factor, `amplitude` it would need (and `stderr`) in `unit`.
+
+    `left`: ln Bayes factor that the accepted causes still have beside it; `detectable` the amplitude that
+    would have been seen at 5 sigma; `refitted`: scored by a full fit, not by its trace alone.
+    """
+
+    effect: str
+    score: float
+    distinctness: float
+    reason: str
+    parameter: str = ""
+    amplitude: float = 0.0
+    stderr: float = 0.0
+    unit: str = "1"
+    z: float = 0.0
+    raw_share: float = 0.0
+    detectable: float = float("inf")
+    left: float | None = None
+    refitted: bool = False
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How well a model does: over all that was fitted, over what was left out, and on means over frames (K)."""
+
+    rmse_K: float
+    chi2_per_dof: float
+    held_out_rmse_K: float
+    held_out_z: float
+    mean_map_rmse_K: float = float("nan")
+    near_contact_rmse_K: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Test:
+    """A test for structure in what is left: `p` the share of simulated noise-only campaigns beyond `statistic`."""
+
+    name: str
+    where: str
+    statistic: float
+    p: float
+    stage: str = "before"
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What the model lacks along the contact, without any catalogue, of one condition.
+
+    `x` (n,) m; `flux` (repetitions, n) W/m2 of nominal area that measured exceeds computed, with its standard
+    error `flux_sd`; `pressure` (n,) p(x)/p and `pressure_sd`; `resolution` (n,) from 0 (nothing known) to 1.
+    """
+
+    condition: str
+    x: np.ndarray
+    repetition: np.ndarray
+    flux: np.ndarray
+    flux_sd: np.ndarray
+    pressure: np.ndarray
+    pressure_sd: np.ndarray
+    resolution: np.ndarray
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A calibrated nuisance: value and its distance from what was known beforehand, in standard deviations."""
+
+    name: str
+    value: float
+    stderr: float
+    pull: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The whole answer.  `kind` is one of KINDS; `says` one or more sentences for people.
+
+    `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
+    every recording against the calibrated base and the extended model; `gates`: what was checked for
+    adequacy, with value and limit; `assumed` priors.
+    """
+
+    title: str
+    kind: str
+    says: tuple[str, ...]
+    causes: tuple[Cause, ...] = ()
+    group: tuple[str, ...] = ()
+    next_experiment: str = ""
+    base: Fitness | None = None
+    extended: Fitness | None = None
+    rivals: tuple[Rival, ...] = ()
+    nuisance: tuple[Pull, ...] = ()
+    tests: tuple[Test, ...] = ()
+    missing: tuple[Missing, ...] = ()
+    separability: tuple[tuple[str, ...], np.ndarray] | None = None
+    shifts: tuple[tuple[str, float, float, float], ...] = ()  # free parameter, before, after, standard error
+    before: tuple[Seeing, ...] = ()
+    after: tuple[Seeing, ...] = ()
+    pulled: tuple[tuple[Pulling, ...], tuple[Pulling, ...]] = ((), ())
+    gates: dict[str, tuple[float, float]] = field(default_factory=dict)
+    certificate: dict[str, Any] = field(default_factory=dict)
+    assumed: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The content of verdict.json."""
+
+        def fitness(f: Fitness | None) -> dict | None:
+            return None if f is None else asdict(f)
+
+        return {
+            "schema": SCHEMA,
+            "title": self.title,
+            "verdict": self.kind,
+            "says": list(self.says),
+            "causes": [_cause(c) for c in self.causes],
+            "group": list(self.group),
+            "next_experiment": self.next_experiment,
+            "base": fitness(self.base),
+            "extended": fitness(self.extended),
+            "candidates": [asdict(r) for r in self.rivals],
+            "nuisance": {
+                p.name: {"value": p.value, "stderr": p.stderr, "pull": p.pull, "unit": p.unit} for p in self.nuisance
+            },
+            "parameters_moved": [{"name": n, "before": b, "after": a, "stderr": s} for n, b, a, s in self.shifts],
+            "diagnostics": [asdict(t) for t in self.tests],
+            "gates": {k: {"value": v, "limit": limit} for k, (v, limit) in self.gates.items()},
+            "certificate": self.certificate,
+            "assumed": self.assumed,
+            "recordings": {"before": [s.as_dict() for s in self.before], "after": [s.as_dict() for s in self.after]},
+            "warnings": list(self.warnings),
+            "report": "report.html",
+            "extended_case": "extended.toml" if self.causes else None,
+            "seconds": self.seconds,
+        }
+
+    def __str__(self) -> str:
+        lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]
+        if self.next_experiment:
+            lines.append(f"  next: {self.next_experiment}")
+        return "\n".join(lines)
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    out = asdict(c)
+    out["parameters"] = {
+        p.name: {"value": p.value, "stderr": p.stderr, "ci95": list(p.ci95), "unit": p.unit, "at_bound": p.bound}
+        for p in c.parameters
+    }
+    out["per_condition"] = [{"condition": n, "value": v, "stderr": s} for n, v, s in c.per_condition]
+    return out

@@ -1,0 +1,1 @@
+"""From case.toml to a Scene: the keys and their checks, the schedule, the laws that act, the numerics."""

@@ -1,0 +1,84 @@
+"""Contributions of all acting effects, sorted by the quantity or site that they speak about."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.model.scene import Scene, gauss_mean
+from flashtemp.physics.effect import Deposit, Factor, Term
+
+STEP = 1e-30  # complex step: exact derivative to rounding
+
+
+class Laws:
+    """Contributions of all acting effects, sorted by quantity; no effect is known by name."""
+
+    def __init__(self, scene: Scene):
+        self.terms: dict[str, list] = {}
+        self.factors: dict[str, list] = {}
+        self.films: dict[str, list] = {}
+        self.patches: list = []
+        self.zones: list = []
+        self.deposits: list = []
+        self.restless = False  # an effect's word about the contact changes: ask it at every moment
+        for acting in scene.acting:
+            for part in acting.contributions(scene):
+                entry = (part, acting.p, acting.name)
+                target = getattr(part, "target", "")
+                kind = acting.effect
+                self.restless |= not (kind.base or kind.steady) and target.startswith(("contact.", "road.lane"))
+                if isinstance(part, Term):
+                    self.terms.setdefault(part.target, []).append(entry)
+                elif isinstance(part, Factor):
+                    self.factors.setdefault(part.target, []).append(entry)
+                elif isinstance(part, Deposit):
+                    self.deposits.append(part)
+                elif part.kind == "film":
+                    self.films.setdefault(part.site, []).append(entry)
+                else:
+                    (self.patches if part.kind == "patch" else self.zones).append(entry)
+
+    def has(self, target: str) -> bool:
+        """Whether any effect speaks about this quantity."""
+        return target in self.terms or target in self.factors
+
+    def __call__(self, target: str, base, T, now, *args):
+        """(base + sum of terms) times product of factors."""
+        value = base
+        for part, p, _ in self.terms.get(target, ()):
+            value = value + part.law(T, now, p, *args)
+        for part, p, _ in self.factors.get(target, ()):
+            value = value * part.law(T, now._replace(base=value) if now is not None else now, p, *args)
+        return value
+
+    def contributors(self, T, now) -> dict[str, float]:
+        """Size of each effect's heat at a state, to name the largest one when a solve fails."""
+        sizes = {}
+        for part, p, name in self.terms.get("friction.mu", []) + self.factors.get("friction.mu", []):
+            sizes[name] = float(np.max(np.abs(part.law(T, now, p)))) * now.pressure * now.speed
+        for site in self.films.values():
+            for part, p, name in site:
+                h = part.law(now, p)
+                if np.isfinite(h):
+                    sizes[name] = max(sizes.get(name, 0.0), h * float(np.max(np.abs(T - now.ambient))))
+        return sizes
+
+
+def laws_mean(laws: Laws, target: str, mesh, now, base: float = 1.0):
+    """Means over the columns under the block of a quantity whose laws depend on x and y; `base` where no law speaks.
+
+    In 2D laws are asked on the centre line.
+    """
+    if not laws.has(target):
+        return np.full(len(mesh.column_x), base)
+    edges = mesh.x[mesh.first : mesh.last + 1]
+
+    def along(y):
+        def law(x):
+            at = now._replace(x=x[:, None], y=y)
+            return laws(target, base, None, at) + 0.0 * (at.x + y)
+
+        return gauss_mean(law, edges)
+
+    means = along(np.zeros(1)) if mesh.n_across == 1 else gauss_mean(along, mesh.y)
+    return means.ravel()

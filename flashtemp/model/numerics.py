@@ -1,0 +1,44 @@
+"""Numerics of a run: CVODE's binding and tolerances, and how often what is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from flashtemp.errors import BadInput
+
+BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait.
+
+    `times` (s): moments at which profiles and fields are kept besides.
+    """
+
+    binding: str
+    rtol: float = 1e-4
+    atol: float | None = None
+    order: int = 3
+    profiles: int = 40
+    fields: int = 6
+    times: tuple[float, ...] = ()
+
+
+def available() -> list[str]:
+    """Bindings installed on this machine, the preferred one first."""
+    return [name for name, module in BINDINGS.items() if find_spec(module)]
+
+
+def choose(name: str | None) -> str:
+    """The binding to use; BadInput when the one asked for is not installed."""
+    have = available()
+    if name in (None, "auto"):
+        if not have:
+            raise BadInput("numerics.integrator: no CVODE binding is installed; pip install scikit-sundae")
+        return have[0]
+    if name not in have:
+        what = " or ".join(f'"{h}"' for h in have)
+        raise BadInput(f'numerics.integrator: "{name}" is not installed here; use {what}')
+    return name

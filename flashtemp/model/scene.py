@@ -1,0 +1,125 @@
+"""What is simulated: mesh, materials, schedule and the effects that act on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.schedule import Schedule
+from flashtemp.physics.effect import Effect
+from flashtemp.physics.material import Material
+
+KELVIN = 273.15
+GAUSS = np.polynomial.legendre.leggauss(3)
+
+
+class Moment(NamedTuple):
+    """The moment at which laws are evaluated; SI units, temperatures in K, arrays along x."""
+
+    t: float  # s from the first start of sliding
+    speed: float  # m/s
+    pressure: float  # nominal contact pressure, mean over the block, Pa
+    slid: float  # m since this repetition started
+    contact_time: float  # s since this repetition started
+    waited: float  # s since sliding stopped, 0 while sliding
+    last_speed: float  # m/s before the stop, the speed itself while sliding
+    history: Any  # speed as a Series of the time since this repetition started
+    touching: bool  # False while the block is lifted
+    ambient: float  # air and initial temperature, K
+    repetition: int = 1
+    x: Any = None  # m from the leading edge
+    y: Any = 0.0  # m from the centre line
+    local_pressure: Any = None  # Pa at x
+    spot_fraction: Any = None  # macroasperity contact fraction at x
+    covered: Any = None  # macroasperity contact fraction, mean over the block's length
+    friction: Any = None  # friction coefficient at x
+    face: Any = None  # temperature of the block's face averaged over the passage of spots, K, for laws of friction.mu
+    base: Any = None  # the quantity so far, for a law that bends it
+    carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
+
+
+@dataclass(frozen=True)
+class Acting:
+    """An effect with the values of its parameters."""
+
+    name: str
+    effect: Effect
+    p: SimpleNamespace
+
+    def contributions(self, scene: Scene):
+        """What the effect yields on a scene."""
+        return tuple(self.effect.heat(scene, self.p))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A block on a road: everything the balance needs, nothing about files or solvers.
+
+    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
+    `stiffness` of the block as a spring foundation, Pa per m of compression.
+    """
+
+    mesh: Mesh
+    block: Material
+    road: Material
+    schedule: Schedule
+    acting: tuple[Acting, ...]
+    ambient: float
+    length: float
+    height: float
+    spot_diameter: float
+    track_length: float | None = None
+    stiffness: float = 1.4e9
+    spot_fraction: float = 0.2
+
+    @property
+    def width(self) -> float:
+        """Width across the direction of sliding, m."""
+        return float(self.mesh.y[-1] - self.mesh.y[0])
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Lowest and highest sliding speed given, m/s."""
+        return self.schedule.speed.range
+
+    @property
+    def load(self) -> float:
+        """Highest mean nominal contact pressure, Pa."""
+        return max(self.schedule.pressure.value)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether there are cells across: 3D."""
+        return self.mesh.n_across > 1
+
+    def moment(self, phase, t: float) -> Moment:
+        """The schedule at time t within a phase."""
+        s = self.schedule
+        since = t - phase.start
+        if phase.sliding:
+            v = s.speed(since)
+            return Moment(
+                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, s.speed, True, self.ambient,
+                phase.repetition,
+            )  # fmt: skip
+        waited = t - phase.begin
+        return Moment(
+            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(), s.speed,
+            not s.lifted, self.ambient, phase.repetition,
+        )  # fmt: skip
+
+    def __str__(self) -> str:
+        names = ", ".join(a.name for a in self.acting)
+        return f"Scene\n  {self.mesh}\n  {self.schedule}\n  effects: {names}"
+
+
+def gauss_mean(law, edges: np.ndarray, *args) -> np.ndarray:
+    """Cell means of a pointwise law of x by three Gauss points per cell."""
+    nodes, weights = GAUSS
+    mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    values = [np.asarray(law(mid + half * s, *args)) for s in nodes]
+    return sum(w * v for w, v in zip(weights, values, strict=True)) / 2

@@ -1,0 +1,176 @@
+"""The whole contract of an effect: a pointwise law on a named site, with declared parameters.
+
+An effect is a class in one file of `flashtemp/effects`.  Its body declares parameters; its method
+`heat` yields contributions.  `off` is the value of a parameter at which the effect vanishes exactly,
+so that the extended model is then bit for bit the base.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from math import inf
+from typing import Any, ClassVar
+
+from flashtemp.errors import BadInput, nearest
+
+
+@dataclass(frozen=True)
+class Param:
+    """A declared parameter: default `value`, `unit`, bounds, and the value `off` that does nothing.
+
+    `kinds` says what a case may give: "number", "text" (a file or a keyword), "table" (a law or a
+    list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it; where it
+    is fitted it may differ from its default by a factor `spread`.  `curved`: the law is flat at `off`, so that
+    only the whole strength shows what it does.
+    """
+
+    value: Any
+    unit: str
+    about: str
+    low: float = -inf
+    high: float = inf
+    off: float | None = None
+    open_low: bool = False
+    spread: float = 1.0
+    curved: bool = False
+    kinds: tuple[str, ...] = ("number",)
+
+    def fault(self, value: Any) -> str | None:
+        """What is wrong with a number from a case, or None."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
+        below = value < self.low or (self.open_low and value == self.low)
+        if value != value or below or value > self.high:
+            sign = ">" if self.open_low else ">="
+            upper = f" and <= {self.high:g}" if self.high < inf else ""
+            lower = f"{sign} {self.low:g}" if self.low > -inf else ""
+            unit = f" ({self.unit})" if self.unit not in ("", "1") else ""
+            return f"give a number {lower}{upper}{unit}"
+        return None
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Heat on a site: `patch` in W/m2 into the body, `film`, or `zone` in W/m3; `to` is the ledger.
+
+    `law(T, now, p)`: T in K at the site's points, `now` the moment, `p` the effect's parameters.
+    """
+
+    kind: str
+    site: str
+    law: Callable
+    to: str = "air"
+    far: Callable | None = None
+
+    @classmethod
+    def patch(cls, site: str, law: Callable, to: str = "air") -> Heat:
+        """Flux into the body through a named patch of the mesh, W/m2."""
+        return cls("patch", site, law, to)
+
+    @classmethod
+    def film(cls, site: str, coefficient: Callable, to: str = "air", far: Callable | None = None) -> Heat:
+        """Convective film: `coefficient(now, p)` in W/m2K, inf for a fixed temperature.
+
+        The far temperature is the ambient one unless `far(now, p)` gives another, K.
+        """
+        return cls("film", site, coefficient, to, far)
+
+    @classmethod
+    def zone(cls, site: str, law: Callable, to: str = "air") -> Heat:
+        """Volumetric heat in "block" or "road", W/m3."""
+        return cls("zone", site, law, to)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A law that multiplies a quantity of the balance, such as "friction.mu"; 1 does nothing."""
+
+    target: str
+    law: Callable
+
+
+@dataclass(frozen=True)
+class Term:
+    """A law that adds to a quantity of the balance, in that quantity's unit; 0 does nothing."""
+
+    target: str
+    law: Callable
+
+
+@dataclass(frozen=True)
+class Deposit:
+    """A share of the friction heat released inside the rubber, decaying as exp(-z/depth), m."""
+
+    share: float
+    depth: float
+
+
+class Effect:
+    """One cause of heat or of change in heat; subclasses declare parameters and yield laws."""
+
+    cause: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    tells: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
+    detail: ClassVar[bool] = False  # the same physics in more detail: no cause that `discover` looks for
+    section: ClassVar[str | None] = None  # base effects share a table of the case
+    base: ClassVar[bool] = False  # base effects always act
+    steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure
+
+    @classmethod
+    def params(cls) -> dict[str, Param]:
+        """Declared parameters by name, in the order of the file."""
+        return {k: v for k, v in vars(cls).items() if isinstance(v, Param)}
+
+    @classmethod
+    def prepare(cls, values: dict[str, Any], folder) -> dict[str, Any]:
+        """Case values turned into what the laws use, such as tables read; raises BadInput."""
+        return values
+
+    def heat(self, scene, p) -> Iterator[Heat | Factor | Term | Deposit]:
+        """Contributions to the balance of `scene`."""
+        return iter(())
+
+    def remarks(self, scene, p, run=None) -> list[str]:
+        """What a user should know before believing the result `run`."""
+        return []
+
+    def leave(self, scene, p, folder) -> None:
+        """Write into a result folder what spares work when the run is repeated from there."""
+
+    def see(self, p) -> Iterator[Factor | Term]:
+        """Contributions to what a camera makes of the temperatures."""
+        return iter(())
+
+
+@cache
+def catalogue() -> dict[str, type[Effect]]:
+    """All effects by name (the name of their file), base effects first.
+
+    >>> catalogue()["friction"].base
+    True
+    """
+    package = importlib.import_module("flashtemp.physics.effects")
+    found = {}
+    for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
+        module = importlib.import_module(f"flashtemp.physics.effects.{info.name}")
+        kinds = [
+            k
+            for k in vars(module).values()
+            if isinstance(k, type) and issubclass(k, Effect) and k.__module__ == module.__name__
+        ]
+        if len(kinds) == 1:
+            found[info.name] = kinds[0]
+    return dict(sorted(found.items(), key=lambda item: (not item[1].base, item[0])))
+
+
+def find(name: str) -> type[Effect]:
+    """The effect of that name; BadInput names the nearest known one."""
+    known = catalogue()
+    if name not in known:
+        raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, known)}")
+    return known[name]

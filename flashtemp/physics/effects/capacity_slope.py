@@ -1,0 +1,27 @@
+"""Heat capacity changes with temperature: c = c_0 [1 + slope (T - T_0)].
+
+>>> from types import SimpleNamespace as N
+>>> block, road = CapacitySlope().heat(None, None)
+>>> block.law(None, None, N(block=0.003, road=0.0))
+0.003
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Param, Term
+
+
+class CapacitySlope(Effect):
+    """Linear volumetric heat capacity of rubber and road about the ambient temperature."""
+
+    cause = "heat capacity changes with temperature"
+    source = "rubber c rises by about 0.3 % per kelvin above its glass transition"
+    tells = ("slower warming of the hot parts",)
+
+    block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
+    road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)
+
+    def heat(self, scene, p):
+        """Slopes of the enthalpy's derivative."""
+        yield Term("block.capacity_gradient", lambda T, now, p: p.block)
+        yield Term("road.capacity_gradient", lambda T, now, p: p.road)

@@ -1,0 +1,71 @@
+"""Heat-transfer coefficient of the contact spots: infinite, constant, a0 + a1 sqrt(v), a table, or of micro-contacts.
+
+>>> from types import SimpleNamespace as N
+>>> law, split = Conductance().heat(None, N(alpha=lambda v: 1e4 + 2e4 * v**0.5))
+>>> law.law(None, N(speed=0.25), None)
+5e-05
+"""
+
+from __future__ import annotations
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.effect import Effect, Param, Term
+from flashtemp.physics.friction.microcontact_conductance import sliding
+from flashtemp.physics.interpolation import Curve, pairs
+
+
+class Conductance(Effect):
+    """Temperature jump (T_block - T_road) = J/alpha inside the spots, eq. (4)."""
+
+    cause = "the contact resists the passage of heat"
+    source = "theory 2.7; speed dependence after Fortunato et al. 2015"
+    tells = ("block surface hotter than road", "less so at high speed")
+    section = "contact"
+    base = True
+
+    alpha = Param(
+        float("inf"),
+        "W/m2K",
+        "heat-transfer coefficient in the spots: number, 'inf' or a law in v",
+        low=0.0,
+        open_low=True,
+        off=float("inf"),
+        kinds=("number", "table", "text"),
+    )
+    heat_split = Param(
+        1.0, "1", "share of the interfacial heat released on the block's side of alpha", low=0.0, high=1.0
+    )
+
+    @classmethod
+    def prepare(cls, values, folder):
+        """Turn number, {a0, a1} or table into a law alpha(v)."""
+        alpha, key = values["alpha"], "contact.alpha"
+        if isinstance(alpha, dict):
+            if set(alpha) == {"contact_size", "contact_share"}:
+                if not all(type(a) in (int, float) and 0 < a < 1 for a in alpha.values()):
+                    raise BadInput(f"{key}: {alpha!r}; give contact_size in m and contact_share, both > 0 and < 1")
+                return values
+            a0, a1 = (alpha.get(k, 0.0) for k in ("a0", "a1"))
+            numbers = all(type(a) in (int, float) and 0 <= a < float("inf") for a in (a0, a1))
+            if set(alpha) - {"a0", "a1"} or not numbers or a0 + a1 <= 0:
+                raise BadInput(
+                    f"{key}: {alpha!r}; give {{ a0 = W/m2K, a1 = W/m2K per sqrt(m/s) }}, both >= 0, not both 0, "
+                    "or { contact_size = m, contact_share = 1 }"
+                )
+            values["alpha"] = lambda v: a0 + a1 * v**0.5
+        elif isinstance(alpha, (list, str)):
+            x, y = pairs(alpha, folder, key)
+            if min(y) <= 0:
+                raise BadInput(f"{key}: {min(y):g} W/m2K in the table; give values > 0")
+            values["alpha"] = Curve(x, y) if len(x) > 1 else (lambda v: y[0])
+        else:
+            values["alpha"] = lambda v: alpha
+        return values
+
+    def heat(self, scene, p):
+        """1/alpha in m2 K/W and the side on which the heat appears."""
+        alpha = p.alpha
+        if isinstance(alpha, dict):
+            alpha = sliding(scene.block, scene.road, alpha["contact_size"], alpha["contact_share"])
+        yield Term("contact.resistance", lambda T, now, p: 1.0 / max(alpha(now.speed), 1e-6))
+        yield Term("contact.heat_split", lambda T, now, p: p.heat_split)

@@ -1,0 +1,32 @@
+"""A film in the contact resists less the faster the block slides: R (v_ref/v)^n.
+
+>>> from types import SimpleNamespace as N
+>>> [law] = ConductanceSpeed().heat(None, None)
+>>> round(law.law(None, N(speed=0.4), N(resistance=2e-5, reference=0.1, exponent=0.5)), 12)
+1e-05
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Param, Term
+
+REST = 1e-2  # share of the reference speed below which the resistance grows no more
+
+
+class ConductanceSpeed(Effect):
+    """Resistance in the spots whose conductance rises as sqrt(v), in series with 1/alpha."""
+
+    cause = "the thermal resistance of the contact falls with speed"
+    source = "theory 2.7; conductance rising with speed after Fortunato et al. 2015"
+    tells = ("block hotter and road cooler at low speed", "one change per speed, all along the block")
+
+    resistance = Param(2e-5, "m2K/W", "thermal resistance at the reference speed", low=0.0, high=1e-2, off=0.0)
+    reference = Param(0.1, "m/s", "speed at which that resistance holds", low=0.0, high=100.0, open_low=True)
+    exponent = Param(0.5, "1", "exponent n of the fall with speed", low=0.0, high=2.0)
+
+    def heat(self, scene, p):
+        """Adds to 1/alpha."""
+        yield Term(
+            "contact.resistance",
+            lambda T, now, p: p.resistance * max(now.speed / p.reference, REST) ** -p.exponent,
+        )

@@ -1,0 +1,25 @@
+"""Filled rubber conducts better along the direction in which it was rolled: k_x = k_z (1 + excess).
+
+>>> from types import SimpleNamespace as N
+>>> [law] = ConductivityAnisotropy().heat(None, None)
+>>> law.law(None, None, N(excess=0.3))
+1.3
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Factor, Param
+
+
+class ConductivityAnisotropy(Effect):
+    """Conductivity of the rubber along the direction of sliding over that through its height."""
+
+    cause = "the rubber conducts differently along the block and through its height"
+    source = "calendered and extruded compounds: fillers align, k_x/k_z = 1.1-2"
+    tells = ("profile along the block smoothed", "grows with time", "nothing at a uniform temperature along x")
+
+    excess = Param(0.3, "1", "k_x/k_z of the rubber less 1", low=-0.9, high=20.0, off=0.0)
+
+    def heat(self, scene, p):
+        """Multiplies the rubber's conductivity along x."""
+        yield Factor("block.conductivity_along", lambda T, now, p: 1.0 + p.excess)

@@ -1,0 +1,30 @@
+"""The holder takes heat from the back of the block.
+
+>>> from types import SimpleNamespace as N
+>>> [film] = HolderSink().heat(None, None)
+>>> film.law(None, N(coefficient=50.0, temperature=None)), film.to
+(50.0, 'holder')
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Heat, Param
+
+
+class HolderSink(Effect):
+    """Contact of the block's back with a holder at fixed temperature; 'inf' holds it isothermal."""
+
+    cause = "the holder carries heat away"
+    source = "theory 1.3: insulated, isothermal or a coefficient"
+    tells = ("cold back of the block", "matters after H^2/(pi^2 D) = 40 s")
+
+    coefficient = Param(50.0, "W/m2K", "heat-transfer coefficient to the holder, or 'inf'", low=0.0, off=0.0)
+    temperature = Param(None, "degC", "temperature of the holder; ambient if not given", low=-60.0, high=300.0)
+
+    def heat(self, scene, p):
+        """Film at the back."""
+
+        def far(now, p):
+            return now.ambient if p.temperature is None else p.temperature + 273.15
+
+        yield Heat.film("block.holder", lambda now, p: p.coefficient, to="holder", far=far)

@@ -1,0 +1,120 @@
+"""Friction, its heat in depth and the contact fraction from a master curve and a power spectrum (Persson's theory).
+
+>>> from types import SimpleNamespace as N
+>>> p = N(**PerssonFriction.prepare({k: v.value for k, v in PerssonFriction.params().items()}, None))
+>>> print(f"{p.theory(0.1, 293.15, 1.5e5).viscous:.6f} {p.theory(0.1, 293.15, 1.5e5).adhesive:.4f}")
+0.428219 0.0781
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.effect import Deposit, Effect, Factor, Param
+from flashtemp.physics.friction import friction_table, theory_inputs
+
+SHALLOW = 4e-6  # m: viscoelastic heat nearer to the contact counts as released in it
+
+
+class PerssonFriction(Effect):
+    """mu(v, T, p) of viscoelastic loss on all scales of the roughness and of shear in the real contact."""
+
+    cause = "friction follows from roughness, viscoelastic modulus and real contact"
+    source = "Persson 2001, 2006; theory 2.1-2.6 eqs. (16)-(17)"
+    tells = ("friction falls as the contact warms and depends on speed", "part of the heat a tenth of a mm deep")
+    detail = True
+    steady = True
+
+    weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)
+    rubber = Param("A", "1", "name of a ready rubber; master_curve takes its place", kinds=("name",))
+    master_curve = Param(
+        None,
+        "rad/s, Pa, Pa",
+        "frequency, storage and loss modulus: CSV file, rows, or an analytic curve",
+        kinds=("text", "table"),
+    )
+    wlf = Param(None, "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
+    reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
+    shift = Param(
+        None, "degC, 1", "temperature and log10 a_T instead of wlf: CSV file or rows", kinds=("text", "table")
+    )
+    poisson = Param(0.5, "1", "Poisson's ratio", low=0.0, high=0.5)
+    road = Param("asphalt A", "1", "name of a ready road; spectrum takes its place", kinds=("name",))
+    spectrum = Param(None, "1/m, m4", "wavenumber and spectrum C(q): CSV file, rows, or a law", kinds=("text", "table"))
+    lowest = Param(None, "1/m", "lowest wavenumber; the first of the spectrum if not given", low=1e-2, high=1e9)
+    highest = Param(None, "1/m", "highest wavenumber; where rms_slope is reached if not given", low=1.0, high=1e11)
+    rms_slope = Param(1.3, "1", "rms slope at which the spectrum ends", low=1e-3, high=10.0)
+    gamma = Param(0.5, "1", "share of the loss that partial contact keeps, S = g + (1-g) P^2", low=0.0, high=1.0)
+    shear_stress = Param(4e6, "Pa", "highest shear stress of the real contact, 0 without it", low=0.0, high=1e9)
+    shear_width = Param(0.1, "1", "width c of its bell over log10 speed", low=0.0, high=10.0)
+    shear_speed = Param(6e-3, "m/s", "speed of its maximum at 20 degC", low=1e-12, high=1e3)
+    activation = Param(1.0, "eV", "activation energy of its shift with temperature", low=0.0, high=5.0)
+    spots = Param(
+        "given", "1", 'contact fraction: contact.spot_fraction, or "theory": P(2 pi/diameter)', kinds=("name",)
+    )
+    in_depth = Param(True, "1", "release the viscoelastic heat where the theory says", kinds=("flag",))
+    extrapolate = Param(True, "1", "false: refuse where friction comes from beyond the measured range", kinds=("flag",))
+    saturation = Param(True, "1", "false: area in contact proportional to load without bound", kinds=("flag",))
+    payne_rest = Param(1.0, "1", "share of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
+    payne_strain = Param(0.05, "1", "strain at which half of that fall has happened", low=1e-6, high=10.0)
+    flattened = Param(1.0, "1", "factor on heights above the mean plane: skewness of the road", low=0.05, high=1.0)
+    work_of_adhesion = Param(0.0, "J/m2", "work of adhesion that pulls rubber into contact", low=0.0, high=10.0)
+
+    @classmethod
+    def prepare(cls, values, folder):
+        """Read curves and spectra into one theory."""
+        if values["spots"] not in ("given", "theory"):
+            raise BadInput(f'persson_friction.spots: {values["spots"]!r}; give "given" or "theory"')
+        values["theory"] = theory_inputs.theory(values, folder, "persson_friction")
+        values["folder"], values["assumed"] = folder, theory_inputs.assumed(values)
+        return values
+
+    def heat(self, scene, p):
+        """Factor on friction.mu, on the contact fraction, and deposits in depth."""
+
+        if p.weight == 0:
+            return
+        look = friction_table.Reading(lambda: _tabulated(scene, p))
+        depths = (
+            theory_inputs.depths(p.theory, scene.speeds[1], scene.ambient, scene.load, SHALLOW) if p.in_depth else []
+        )
+        inside = sum(share for share, _ in depths)
+
+        def law(T, now, p):
+            return 1.0 + p.weight * (look(T, now)[0] - 1.0)
+
+        def parted(T, now, p):
+            mu, deep = look(T, now)
+            return 1.0 + p.weight * (deep / mu / inside - 1.0)
+
+        def fraction(T, now, p):
+            v = max(now.last_speed, friction_table.SLOWEST)
+            return 1.0 + p.weight * (covering(v, now.local_pressure) / now.base - 1.0)
+
+        yield Factor("friction.mu", law)
+        if p.spots == "theory":
+            covering = p.theory.covering(2 * np.pi / scene.spot_diameter, scene.ambient, scene.load)
+            yield Factor("contact.spot_fraction", fraction)
+        for share, depth in depths:
+            yield Deposit(p.weight * share, depth)
+        if depths:
+            yield Factor("friction.in_depth", parted)
+        if not p.extrapolate and (said := theory_inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load)):
+            raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
+
+    def remarks(self, scene, p, run=None):
+        """Friction from beyond what was measured or tabulated, and keys that have no say."""
+        said = theory_inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
+        if p.weight > 0 and run is not None:
+            said += _tabulated(scene, p).left(run, p.theory.rubber.shift.reach)
+        return said
+
+    def leave(self, scene, p, folder):
+        """The table of friction, which a repeated run takes up again."""
+        if p.weight > 0:
+            _tabulated(scene, p).save(folder)
+
+
+def _tabulated(s, p) -> friction_table.Table:
+    return friction_table.tabulate(p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, SHALLOW, p.folder)

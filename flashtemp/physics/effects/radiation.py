@@ -1,0 +1,35 @@
+"""Warm walls and the warm road radiate to the surroundings: eps sigma (T_air^4 - T^4).
+
+>>> from types import SimpleNamespace as N
+>>> leading, *_ = Radiation().heat(None, None)
+>>> round(leading.law(343.15, N(ambient=293.15), N(emissivity=0.95)), 3)
+-349.088
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Heat, Param
+
+SIGMA = 5.670374419e-8  # W/m2K4
+
+
+class Radiation(Effect):
+    """Exchange with surroundings at ambient temperature; in 2D the two side walls act as a fin over the width."""
+
+    cause = "surfaces radiate heat"
+    source = "Stefan-Boltzmann law; rubber 0.94-0.97, asphalt 0.93-0.96; 5.4 W/m2K for a small rise, 8 for 80 K"
+    tells = ("more than proportional to the rise", "whatever the speed", "also while waiting")
+
+    emissivity = Param(
+        0.95, "1", "emissivity of rubber and road; ambient.convection is then without radiation",
+        low=0.0, high=1.0, off=0.0,
+    )  # fmt: skip
+
+    def heat(self, scene, p):
+        """Fluxes through all walls and the free road."""
+
+        def law(T, now, p):
+            return p.emissivity * SIGMA * (now.ambient**4 - T**4)
+
+        for site in ("block.leading", "block.trailing", "block.sides", "road.free"):
+            yield Heat.patch(site, law)

@@ -1,0 +1,75 @@
+"""The macroasperity spots themselves, fixed in the road and moving through the contact (Level R).
+
+>>> from types import SimpleNamespace as N
+>>> scene = N(spot_diameter=3e-3, spot_fraction=0.2, width=0.05)
+>>> cover, share, pace = ResolvedSpots().heat(scene, N(weight=1.0))
+>>> round(pace.law(None, N(speed=0.1), N(weight=1.0)))
+400
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.effect import Effect, Param, Term
+from flashtemp.physics.friction.spot_patterns import Stripes, discs, read_map
+
+PATTERNS = ("random", "regular", "stripes")
+STEPS = 12.0  # at least, while the road moves by a diameter
+
+
+class ResolvedSpots(Effect):
+    """Contact only where spots of the road are at the moment, each heated by its share of the load."""
+
+    cause = "each macroasperity spot heats rubber and road by itself"
+    source = "theory 1.3 eqs. (1)-(7)"
+    tells = ("hot spots that move with the road", "tracks of spots on the block")
+    detail = True
+
+    weight = Param(1.0, "1", "1: spots resolved; 0: averaged over their passage", low=0.0, high=1.0, off=0.0)
+    pattern = Param("random", "1", 'arrangement of the spots: "random", "regular" or "stripes"', kinds=("name",))
+    repeat = Param(0.05, "m", "length of road after which the pattern repeats, about", low=1e-3, high=10.0)
+    seed = Param(1, "1", "number from which a random pattern is drawn", low=0, high=1e9, kinds=("whole",))
+    contact_map = Param(
+        None, "1", "contact map of a topography (flashtemp spots) instead of a pattern", kinds=("text",)
+    )
+
+    @classmethod
+    def prepare(cls, values, folder):
+        """Check the pattern and read the map."""
+        if values["pattern"] not in PATTERNS:
+            raise BadInput(f"resolved_spots.pattern: {values['pattern']!r}; give {', '.join(PATTERNS)}")
+        if values["contact_map"] is not None:
+            values["contact_map"] = read_map(folder / values["contact_map"], "resolved_spots.contact_map")
+        return values
+
+    def heat(self, scene, p):
+        """Covered share of every column, and the longest step that follows the spots."""
+        D, phi = scene.spot_diameter, scene.spot_fraction
+
+        @cache
+        def ground():
+            if p.contact_map is not None:
+                road = p.contact_map
+            elif p.pattern == "stripes":
+                road = Stripes(D, phi)
+            else:
+                road = discs(p.pattern, D, phi, scene.width, p.repeat, p.seed, "resolved_spots.pattern")
+            return road.repeat, road.area(scene.mesh.y, scene.width)
+
+        def cover(T, now, p):
+            repeat, area = ground()
+            mesh, count = scene.mesh, area.shape[1] - 1
+            edges = (mesh.x[mesh.first : mesh.last + 1] - now.slid) / repeat
+            turns = np.floor(edges)
+            at = (edges - turns) * count
+            k = np.minimum(at.astype(int), count - 1)
+            F = area[:, k] + (at - k) * (area[:, k + 1] - area[:, k]) + turns * area[:, -1:]
+            return (np.diff(F, axis=1) / mesh.dx_block).T.ravel()
+
+        yield Term("contact.cover", cover)
+        yield Term("contact.resolved", lambda T, now, p: p.weight)
+        yield Term("march.rate", lambda T, now, p: STEPS * p.weight * now.speed / D)

@@ -1,0 +1,30 @@
+"""Air dragged past the block cools its walls, the faster the more: h = gain v^0.8.
+
+>>> from types import SimpleNamespace as N
+>>> films = list(SideCooling().heat(None, None))
+>>> films[0].law(N(speed=1.0), N(gain=10.0))
+10.0
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Effect, Heat, Param
+
+
+class SideCooling(Effect):
+    """Forced convection on the walls; in 2D the two side walls act as a fin over the width."""
+
+    cause = "the block's walls lose heat to the air stream"
+    source = "turbulent flat plate, Nu ~ Re^0.8"
+    tells = ("grows with speed", "covers the whole wall", "nothing at rest")
+
+    gain = Param(20.0, "W/m2K/(m/s)^0.8", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
+
+    def heat(self, scene, p):
+        """Films on leading and trailing wall and on the side walls."""
+
+        def film(now, p):
+            return p.gain * now.speed**0.8
+
+        for site in ("block.leading", "block.trailing", "block.sides"):
+            yield Heat.film(site, film)

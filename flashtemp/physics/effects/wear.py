@@ -1,0 +1,52 @@
+"""The block wears where it is pressed and rubbed most, and the pressure evens out: dw/ds = k mu p.
+
+>>> from types import SimpleNamespace as N
+>>> rate, worn = Wear().heat(N(ambient=293.15, length=0.025), None)
+>>> now, p = N(local_pressure=2e5, friction=0.8), N(rate=6e-11, energy=1.0, temperature=0.0)
+>>> round(float(1e6 * rate.law(293.15, now, p)), 6)
+9.6
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.physics.effect import Effect, Param, Term
+from flashtemp.physics.interpolation import Curve, pairs
+
+
+class Wear(Effect):
+    """Worn depth per slid distance, proportional to friction energy (or to pressure alone, Archard)."""
+
+    cause = "the block wears, so that its nominal contact pressure changes with the distance slid"
+    source = "theory 7.2; relaxation over s_w = 1/(k_n k) whatever the load and speed"
+    tells = ("leading edge cools from one repetition to the next", "friction drifts and settles", "rounded edge")
+
+    rate = Param(6e-11, "m2/N", "worn depth per slid distance and pressure", low=0.0, high=1e-7, off=0.0)
+    energy = Param(1.0, "1", "1: in proportion to friction energy, k mu p; 0: to pressure, k p", low=0.0, high=1.0)
+    temperature = Param(0.0, "1/K", "exponent of the rate with the rise in the spots", low=-0.1, high=0.1)
+    profile = Param(None, "m, m", "x against worn depth at the start: CSV file or rows", kinds=("text", "table"))
+    turned = Param(False, "1", "the block was turned round after that profile was worn", kinds=("flag",))
+
+    @classmethod
+    def prepare(cls, values, folder):
+        """Read the profile that the block begins with."""
+        if values["profile"] is not None:
+            x, y = pairs(values["profile"], folder, "wear.profile")
+            values["profile"] = Curve(x, y) if len(x) > 1 else (lambda at: y[0] + 0.0 * at)
+        return values
+
+    def heat(self, scene, p):
+        """Wear in m per m slid, and the depth (m) worn before the start."""
+
+        def rate(T, now, p):
+            energy = 1.0 - p.energy + p.energy * now.friction
+            power = p.temperature * (T - scene.ambient)
+            power = np.where(np.real(power) > 50.0, 50.0, power)  # a trial of the solver may be far too hot
+            return p.rate * energy * now.local_pressure * np.exp(power)
+
+        def worn(T, now, p):
+            return 0.0 if p.profile is None else p.profile(scene.length - now.x if p.turned else now.x)
+
+        yield Term("block.abrasion", rate)
+        yield Term("block.worn", worn)

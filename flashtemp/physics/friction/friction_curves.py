@@ -1,0 +1,254 @@
+"""Friction over speed and temperature by theory: what a friction tester would draw, and what it cannot hold.
+
+>>> from flashtemp.physics.friction import flash_temperature, persson, rheology, roughness_spectrum
+>>> from flashtemp.physics.material import LIBRARY
+>>> theory = persson.Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
+>>> spots = flash_temperature.Spots(3e-3)
+>>> found = curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
+>>> print(" ".join(f"{1e6 * d:.2g}" for d in found.depths.at(0.1)), "um")
+76 1.7 0.29 um
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.physics.friction import theory_inputs
+from flashtemp.physics.friction.curve_peak import highest
+from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.material import Material
+
+KELVIN = 273.15
+SPEEDS = np.geomspace(1e-6, 10.0, 60)  # m/s
+COOLER, WARMER, TEMPERATURES = 20.0, 100.0, 40  # K around the background temperature; rows of the table
+STEP = 40.0  # K, by which the shift of the curves is told
+SHARES = (0.1, 0.5, 0.9)  # of the viscoelastic heat, whose depths are told
+USUAL = 0.3  # contact fraction up to which contact regions are spots
+CSV, TABLE = "friction.csv", "mu_table.nc"
+COLUMNS = {
+    "speed_m_s": "speed", "mu_cold": "cold.mu", "viscous_cold": "cold.viscous", "adhesive_cold": "cold.adhesive",
+    "mu_hot": "hot.mu", "viscous_hot": "hot.viscous", "adhesive_hot": "hot.adhesive", "T_hot_degC": "highest",
+    "area_cold": "area", "spot_fraction": "phi",
+}  # fmt: skip
+
+
+def held(mu: np.ndarray) -> np.ndarray:
+    """Which points of mu(v), from slow to fast, a tester holds that sets the force: no slower one has more friction.
+
+    Where friction falls with speed a constant force accelerates the block (C9).
+    """
+    return mu >= np.maximum.accumulate(mu)
+
+
+@dataclass(frozen=True, eq=False)
+class Depths:
+    """Where the viscoelastic heat goes: `deeper` (m, n), the share released over depths 1/(2q) >= `depth` (n,) m.
+
+    At `speed` (m,) m/s and the temperature of the background.
+    """
+
+    speed: np.ndarray
+    depth: np.ndarray
+    deeper: np.ndarray
+
+    def at(self, v: float) -> tuple[float, ...]:
+        """Depths (m) than which 10, 50 and 90 % of the heat are released deeper, at the speed nearest to v (m/s)."""
+        row = self.deeper[int(np.argmin(np.abs(np.log(self.speed / v))))]
+        return tuple(float(np.exp(np.interp(s, row, np.log(self.depth)))) for s in SHARES)
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Friction at nominal pressure `p` (Pa), background `T0` (K) and over the speeds (n,) of both branches.
+
+    `area` A/A0 and contact fraction `phi` (n,) of `spots` without flash temperature; `mu` (n, m) over temperatures
+    `T` (m,) K; `shift` by which factor STEP more kelvin raise the speeds of viscoelastic part and shear stress.
+    """
+
+    cold: Branch
+    hot: Branch
+    area: np.ndarray
+    phi: np.ndarray
+    T: np.ndarray
+    mu: np.ndarray
+    depths: Depths
+    spots: Spots
+    T0: float
+    p: float
+    shift: tuple[float, float | None]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Speeds (n,) m/s."""
+        return self.cold.speed
+
+    @property
+    def highest(self) -> np.ndarray:
+        """Highest temperature T_q (n,) that any wavenumber feels on the hot branch, degC."""
+        return self.hot.T - KELVIN
+
+    @property
+    def branches(self) -> dict[str, Branch]:
+        return {"cold": self.cold, "hot": self.hot}
+
+    def ridge(self) -> np.ndarray:
+        """Speed (m,) m/s of the maximum of mu at every temperature of the table, nan where it is not inside."""
+        found = [highest(self.speed, column) for column in self.mu.T]
+        return np.array([np.nan if top.edge else top.at for top in found])
+
+    def as_dict(self) -> dict:
+        """Numbers for JSON: m/s, degC, m; maxima are null where they do not lie inside."""
+        tops = {name: highest(self.speed, b.mu) for name, b in self.branches.items()}
+        return {
+            "T0_degC": self.T0 - KELVIN,
+            "pressure_Pa": self.p,
+            "spot_diameter_m": self.spots.diameter,
+            "maximum": {k: None if t.edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
+            "held_by_slope_tester": {k: held(b.mu).tolist() for k, b in self.branches.items()},
+            "heat_deeper_m": [
+                {"speed": float(v)} | {f"{100 * s:.0f} %": d for s, d in zip(SHARES, self.depths.at(v), strict=True)}
+                for v in self.depths.speed
+            ],
+            "shift": {"warmer_K": STEP, "viscous": self.shift[0], "shear_stress": self.shift[1]},
+            "remarks": list(self.remarks),
+            "curves": {name: column.tolist() for name, column in self.columns().items()},
+        }
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The curves (n,) by the names that they have in friction.csv."""
+        out = {}
+        for name, path in COLUMNS.items():
+            value = self
+            for part in path.split("."):
+                value = getattr(value, part)
+            out[name] = value
+        return out
+
+    def save(self, folder: Path) -> None:
+        """Write friction.csv, a row per speed, and mu_table.nc, mu over speed and temperature."""
+        data = self.columns() | {f"held_{name}": held(b.mu) for name, b in self.branches.items()}
+        lines = [",".join(data), *(",".join(f"{x:.8g}" for x in row) for row in zip(*data.values(), strict=True))]
+        (Path(folder) / CSV).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        self.dataset().to_netcdf(Path(folder) / TABLE, engine="h5netcdf")
+
+    def dataset(self):
+        """As xarray: mu(speed, temperature) with units."""
+        import xarray as xr
+
+        about = {"units": "1", "long_name": "friction coefficient without flash temperature"}
+        coords = {
+            "speed": ("speed", self.speed, {"units": "m/s", "long_name": "sliding speed"}),
+            "temperature": ("temperature", self.T - KELVIN, {"units": "degC", "long_name": "temperature"}),
+        }
+        attrs = {"pressure_Pa": self.p, "Conventions": "CF-1.11"}
+        return xr.Dataset({"mu": (("speed", "temperature"), self.mu, about)}, coords, attrs)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.T0 - KELVIN:g} degC, {self.p / 1e6:g} MPa, contact regions of {1e3 * self.spots.diameter:g} mm",
+            "       v m/s   mu cold = visc + adh      hot = visc + adh   highest T     A/A0    phi",
+            *(self._row(i) for i in _shown(self.speed)),
+            *(self._maximum(name) for name in self.branches),
+        ]
+        v = self.depths.speed[1]
+        deep, half, near = (f"{1e6 * d:.2g}" for d in self.depths.at(v))
+        if half != "nan":
+            lines.append(
+                f"  viscoelastic heat at {v:.3g} m/s: a tenth is released deeper than {deep} um, "
+                f"half deeper than {half} um, nine tenths deeper than {near} um"
+            )
+        words = [f"the viscoelastic part to {self.shift[0]:.3g}-fold speed"]
+        if self.shift[1] is not None:
+            words.append(f"the shear stress of the real contact to {self.shift[1]:.3g}-fold")
+        lines.append(f"  {STEP:g} K more move {', '.join(words)}")
+        return "\n".join([*lines, *(f"  remark: {r}" for r in self.remarks)])
+
+    def _row(self, i: int) -> str:
+        c, h = self.cold, self.hot
+        return (
+            f"  {self.speed[i]:10.3g}   {c.mu[i]:7.4f} {c.viscous[i]:6.4f} {c.adhesive[i]:6.4f}   "
+            f"{h.mu[i]:7.4f} {h.viscous[i]:6.4f} {h.adhesive[i]:6.4f}   {self.highest[i]:6.1f} degC  "
+            f"{self.area[i]:7.2g} {self.phi[i]:6.3f}"
+        )
+
+    def _maximum(self, name: str) -> str:
+        mu = self.branches[name].mu
+        top = highest(self.speed, mu)
+        if not top.edge:
+            return (
+                f"  {name}: highest {top.value:.4f} at {top.at:.3g} m/s; a slope tester, which sets the force, "
+                "holds no faster sliding"
+            )
+        if top.first:
+            return f"  {name}: highest at the slowest speed; a slope tester, which sets the force, holds none of it"
+        if held(mu).all():
+            return f"  {name}: rises throughout; a slope tester reaches all of it"
+        return f"  {name}: highest at the fastest speed; a slope tester skips what falls before"
+
+
+def curves(
+    theory: Theory, rubber_material: Material, spots: Spots, speeds=SPEEDS, T0: float = 293.15, p: float = 1.5e5
+) -> Curves:
+    """Friction over `speeds` (n,) m/s, rising, at background T0 (K) and nominal pressure p (Pa).
+
+    Raises BadInput where the road has no waves as long as the spots, SolverFailure where friction and flash temperature
+    do not agree.
+    """
+    speeds = np.asarray(speeds, dtype=float)
+    cold, hot = branches(theory, rubber_material, spots, speeds, T0, p)
+    phi = np.array([spots.covered(theory, v, T0, p) for v in speeds])
+    T = _temperatures(theory, T0)
+    slow_and_fast = speeds[0], speeds[-1]
+    return Curves(
+        cold, hot, theory(speeds, T0, p).area, phi, T, theory(speeds[:, None], T, p).mu,
+        _depths(theory, speeds, T0, p), spots, T0, p, _shift(theory, T0),
+        tuple(_remarks(theory, slow_and_fast, T0, p, hot.T.max(), phi.max())),
+    )  # fmt: skip
+
+
+def _temperatures(theory: Theory, T0: float) -> np.ndarray:
+    """Temperatures (m,) K of the table: around T0, as far as the shift factors reach."""
+    low, high = theory.rubber.shift.reach
+    low, high = max(T0 - COOLER, min(low, T0)), min(T0 + WARMER, max(high, T0 + 1.0))
+    return np.linspace(low, high, TEMPERATURES)
+
+
+def _shift(theory: Theory, T0: float) -> tuple[float, float | None]:
+    """By which factor the speeds of viscoelastic loss and of the shear stress rise over the next STEP kelvin."""
+    parts = [theory.rubber.factor] + ([] if theory.shear is None else [theory.shear.factor])
+    factors = [float(f(T0) / f(T0 + STEP)) for f in parts]
+    return factors[0], factors[1] if len(factors) > 1 else None
+
+
+def _depths(theory: Theory, speeds: np.ndarray, T0: float, p: float) -> Depths:
+    """At the fastest of the speeds and two and four decades below, or at both ends and between."""
+    top = np.log10(speeds[-1])
+    v = 10.0 ** (top - min(2.0, 0.5 * (top - np.log10(speeds[0]))) * np.arange(2, -1, -1))
+    found = theory(v, T0, p)
+    share = theory.up_to(found.density) / np.where(found.viscous > 0, found.viscous, np.nan)[:, None]
+    return Depths(v, 0.5 / theory.q, np.maximum.accumulate(share, axis=1))
+
+
+def _remarks(theory: Theory, speeds, T0: float, p: float, hottest: float, phi: float) -> list[str]:
+    """What a reader should know before believing the curves; temperatures in K."""
+    said = theory_inputs.beyond(theory, speeds, T0, p)
+    low, high = theory.rubber.shift.reach
+    if low <= T0 <= high < hottest:
+        said.append(
+            f"the hot branch reaches {hottest - KELVIN:.0f} degC, beyond the shift factors "
+            f"({low - KELVIN:.0f} to {high - KELVIN:.0f} degC)"
+        )
+    if phi > USUAL:
+        said.append(f"contact fractions up to {phi:.2g} are hardly spots any more: the flash is spread thin")
+    return said
+
+
+def _shown(speed: np.ndarray) -> list[int]:
+    """Places of the speeds that a table of the terminal shows: about one per decade."""
+    wanted = np.arange(np.log10(speed[0]), np.log10(speed[-1]) + 1e-9, 1.0)
+    return sorted({int(np.argmin(np.abs(np.log10(speed) - x))) for x in wanted} | {len(speed) - 1})

@@ -1,0 +1,261 @@
+"""Friction as the solver needs it: mu over speed, temperatures of face and spots and pressure, interpolated fast.
+
+Every wavenumber of rubber in a spot feels T_q = T_face + s(q) (T_spot - T_face): T_face is the surface averaged over
+the passage of spots, s(q) the share of the flash temperature that its depth 1/(2q) feels (theory 1.4, V11).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.friction.heat_kernels import felt
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.material import Material
+
+FILE = "friction.nc"
+EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
+KELVIN = 273.15
+BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
+PRESSURES, REACH = 7, 12.0  # nodes, from the mean nominal pressure over REACH to REACH times it
+PER_DECADE = 8  # of speed, where it varies
+COARSE = 3e-3  # error of a table, over its largest mu, that is worth a word
+LIGHT = 1.0  # Pa: below, friction is that at this pressure
+SLOWEST = 1e-7  # m/s: friction at rest is that of creep
+
+
+def flash_share(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
+    """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
+    return felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
+
+
+@njit(cache=True)
+def _weights(x):
+    """Of four neighbours, for the cubic through them at x = 0..1 between the inner two."""
+    return (
+        -x * (x - 1.0) * (x - 2.0) / 6.0,
+        (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
+        -(x + 1.0) * x * (x - 2.0) / 2.0,
+        (x + 1.0) * x * (x - 1.0) / 6.0,
+    )
+
+
+@njit(cache=True)
+def _place(value, low, step, count):
+    """First of the four neighbours and the place between the inner two; held outside the table."""
+    at = (value - low) / step
+    if at.real < 0.0:
+        at = 0.0 * at
+    if at.real > count - 1.0:
+        at = 0.0 * at + (count - 1.0)
+    k = min(max(int(at.real) - 1, 0), count - 4)
+    return k, at - (k + 1)
+
+
+@njit(cache=True)
+def _interpolate(values, lows, steps, face, spot, logp, out):
+    """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
+    _, a, b, c = values.shape
+    for n in range(out.shape[1]):
+        i, x = _place(face[n], lows[0], steps[0], a)
+        j, y = _place(spot[n], lows[1], steps[1], b)
+        k, z = _place(logp[n], lows[2], steps[2], c)
+        wx, wy, wz = _weights(x), _weights(y), _weights(z)
+        for field in range(2):
+            total = 0.0 * x
+            for p in range(4):
+                for q in range(4):
+                    row = values[field, i + p, j + q]
+                    total += (
+                        wx[p] * wy[q] * (wz[0] * row[k] + wz[1] * row[k + 1] + wz[2] * row[k + 2] + wz[3] * row[k + 3])
+                    )
+            out[field, n] = total
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Friction at one speed over temperatures `T` (K) of face and spots, and ln pressure (Pa).
+
+    `values` (2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
+    """
+
+    T: np.ndarray
+    logp: np.ndarray
+    values: np.ndarray
+
+    @cached_property
+    def _grid(self):
+        axes = (self.T, self.T, self.logp)
+        return np.array([x[0] for x in axes]), np.array([x[1] - x[0] for x in axes])
+
+    def __call__(self, T_spot, T_face, p):
+        """Both (2, n) at spot and face temperatures (K) and pressures (Pa); complex arguments pass derivatives on."""
+        kind = complex if any(np.iscomplexobj(v) for v in (T_spot, T_face, p)) else float
+        out = np.empty((2, len(T_spot)), dtype=kind)
+        face, spot, logp = np.empty((3, len(T_spot)), dtype=kind)
+        face[:], spot[:], logp[:] = T_face, T_spot, np.log(p)
+        _interpolate(self.values, *self._grid, face, spot, logp, out)
+        return out
+
+
+@dataclass(frozen=True)
+class Table:
+    """Friction over ln speed, face, spot (both at `T`, K) and ln pressure.
+
+    `values` (speeds, 2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
+
+    `error` is the largest deviation from the theory between the nodes, as a share of the largest mu; `made_of` a mark
+    of everything that the table follows from.
+    """
+
+    logv: np.ndarray
+    T: np.ndarray
+    logp: np.ndarray
+    values: np.ndarray
+    error: float
+    made_of: str
+
+    @cached_property
+    def _kept(self) -> dict:
+        return {}
+
+    def left(self, run, shifted: tuple[float, float]) -> list[str]:
+        """In words: where a run left this table, or the temperatures (K) between which the modulus is `shifted`."""
+        T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
+        low, high = max(self.T[0], shifted[0]), min(self.T[-1], shifted[1])
+        said = []
+        for beyond, reached, held in ((T.max() > high, T.max(), high), (T.min() < low, T.min(), low)):
+            if beyond:
+                said.append(
+                    f"spots reached {reached - KELVIN:.0f} degC; friction there is that of {held - KELVIN:.0f} degC"
+                )
+        if p > np.exp(self.logp[-1]):
+            said.append(f"pressure reached {p:.3g} Pa; friction there is that of {np.exp(self.logp[-1]):.3g} Pa")
+        if self.error > COARSE:
+            said.append(f"the table of friction is off by up to {100 * self.error:.1g} % of its largest value")
+        return said
+
+    def at(self, v: float) -> Slice:
+        """The table at a speed (m/s), held outside its range; the last one asked for is kept."""
+        if v not in self._kept:
+            self._kept.clear()
+            self._kept[v] = Slice(self.T, self.logp, self._slice(np.log(max(v, SLOWEST))))
+        return self._kept[v]
+
+    def _slice(self, logv: float) -> np.ndarray:
+        if len(self.logv) == 1:
+            return self.values[0]
+        k, x = _place(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
+        return np.tensordot(_weights(x), self.values[k : k + 4], 1)
+
+    def save(self, folder: Path) -> None:
+        """Write friction.nc, from which `tabulate` takes the table up again."""
+        self.dataset().to_netcdf(Path(folder) / FILE, engine="h5netcdf")
+
+    def dataset(self):
+        """As xarray: mu(speed, T_face, T_spot, pressure) with units."""
+        import xarray as xr
+
+        axes = {"speed": (np.exp(self.logv), "m/s"), "T_face": (self.T - KELVIN, "degC"),
+                "T_spot": (self.T - KELVIN, "degC"), "pressure": (np.exp(self.logp), "Pa")}  # fmt: skip
+        coords = {k: (k, v, {"units": unit}) for k, (v, unit) in axes.items()}
+        about = {"units": "1", "long_name": "friction coefficient"}
+        part = {"units": "1", "long_name": "part of mu whose heat is released inside the rubber"}
+        attrs = {"largest_error_of_interpolation": self.error, "made_of": self.made_of}
+        return xr.Dataset(
+            {"mu": (tuple(axes), self.values[:, 0], about), "mu_in_depth": (tuple(axes), self.values[:, 1], part)},
+            coords, attrs,
+        )  # fmt: skip
+
+
+class Reading:
+    """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
+
+    def __init__(self, table: Callable[[], Table]):
+        self._table, self._asked, self._found = cache(table), None, None
+
+    def __call__(self, T, now) -> tuple[np.ndarray, np.ndarray]:
+        """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""
+        asked = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
+        if self._asked is None or any(a is not b for a, b in zip(self._asked, asked, strict=True)):
+            pressed = np.where(np.real(asked[2]) > LIGHT, asked[2], LIGHT)
+            self._asked, self._found = asked, self._table().at(now.speed)(T, asked[1], pressed)
+        return self._found
+
+
+def tabulate(
+    theory: Theory, rubber: Material, diameter: float, speeds, p: float, ambient: float, shallow=0.0, folder=None
+) -> Table:
+    """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
+
+    Temperatures reach from a little below `ambient` (K) to far above; heat deeper than `shallow` (m) is in depth.
+    A table of the same theory in `folder` is taken from there.  Raises BadInput where friction is no number.
+    """
+    return _tabulated(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
+
+
+@lru_cache(maxsize=8)
+def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) -> Table:
+    low, high = (max(v, SLOWEST) for v in speeds)
+    count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
+    logv = np.linspace(np.log(low), np.log(high), count)
+    logp = np.linspace(np.log(p / REACH), np.log(p * REACH), PRESSURES)
+    T = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
+    axes = [a.tolist() for a in (logv, T, logp)]
+    made_of = hashlib.sha256(repr((EQUATIONS, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
+    if (kept := _kept(folder, made_of)) is not None:
+        return Table(logv, T, logp, *kept, made_of)
+    values = np.array([_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
+    if not np.all(np.isfinite(values)):
+        raise BadInput("persson_friction: friction is no finite number everywhere; check master curve and spectrum")
+    found = Table(logv, T, logp, values, np.nan, made_of)
+    return replace(found, error=_deviation(found, theory, rubber, diameter, shallow))
+
+
+def _kept(folder, made_of: str):
+    """Values and error of the table in a folder, if it is of the same making."""
+    if folder is None or not (Path(folder) / FILE).is_file():
+        return None
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(Path(folder) / FILE, engine="h5netcdf") as found:
+            same = found.attrs.get("made_of") == made_of
+            values = np.stack([found.mu.values, found.mu_in_depth.values], axis=1)
+            return (values, float(found.attrs["largest_error_of_interpolation"])) if same else None
+    except (OSError, KeyError, AttributeError, ValueError):
+        return None  # damaged: made anew
+
+
+def _friction(theory, rubber, diameter, logv, face, spot, logp, shallow) -> np.ndarray:
+    """mu and its part in depth (2, faces, spots, pressures) at one speed."""
+    v = float(np.exp(logv))
+    share = flash_share(theory.q, rubber, diameter, v)
+    T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * share
+    found = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
+    deep = found.weight * (0.5 / found.q >= shallow)
+    return np.array([found.mu, found.density @ deep])
+
+
+def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float, shallow: float) -> float:
+    """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
+    middle = 0.5 * (table.T[1:] + table.T[:-1])
+    some = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # the outermost are the worst
+    face, spot, logp = middle[some], middle[some], 0.5 * (table.logp[1:] + table.logp[:-1])
+    n = len(table.logv)
+    speeds = table.logv if n == 1 else (0.5 * (table.logv[1:] + table.logv[:-1]))[:: max(1, n // 4)]
+    worst = 0.0
+    for logv in speeds:
+        exact = _friction(theory, rubber, diameter, logv, face, spot, logp, shallow)
+        a, b, c = np.meshgrid(face, spot, np.exp(logp), indexing="ij")
+        cut, at = table.at(float(np.exp(logv))), (b.ravel(), a.ravel(), c.ravel())
+        near = cut(*at).reshape(exact.shape)
+        worst = max(worst, float(np.max(np.abs(near - exact)) / np.max(table.values)))
+    return worst

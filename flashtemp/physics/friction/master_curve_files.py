@@ -1,0 +1,210 @@
+"""Master curves and shift factors as DMA and rheometer programs export them.
+
+Moduli are read as E', E'' or G', G'' (E = 2 (1 + nu) G) or with tan delta, at frequencies in Hz or rad/s.  Raw sweeps
+at several temperatures become one curve by time-temperature superposition, E(omega, T) = E(omega a_T, T_ref).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.physics import interpolation
+from flashtemp.physics.friction.instrument_tables import Quantity, Table, of_rows, read
+from flashtemp.physics.friction.rheology import WLF, Measured, Shifts
+
+SAME = 1e-3  # decades: frequencies closer than this are one
+CLOSE = 0.02  # decades: points of different sweeps closer than this are one
+JUMP = 1.5  # K between two sweeps
+ZERO = 273.15
+
+ANY = ""  # fits every name
+PRESSURES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm2": 1e6, "dyn/cm2": 0.1}
+MODULI = {k: (v, 0.0) for k, v in (PRESSURES | {"pa": 1.0, "kpa": 1e3, "Mpa": 1e6, "MPA": 1e6, "Gpa": 1e9}).items()}
+NUMBERS = {k: (1.0, 0.0) for k in ("", "-", "1", "delta", "δ")}
+TEMPERATURES = {k: (1.0, ZERO) for k in ("degC", "C", "Celsius")} | {k: (1.0, 0.0) for k in ("K", "Kelvin")}
+TURNS = {k: (2 * np.pi, 0.0) for k in ("Hz", "hz", "HZ")} | {"kHz": (2e3 * np.pi, 0.0)}
+RADIANS = {k: (1.0, 0.0) for k in ("rad/s", "rads-1", "1/s", "s-1")}
+
+FREQUENCY = Quantity(
+    "frequency",
+    r"(?:angular|circular|ang|reduced|red|shifted|test)*(?:frequency|freq|frequenz|omega|f|w|ω)+(?:at|red|reduced)?",
+    TURNS | RADIANS,
+    (("ang|circ|omega|^w|ω", "rad/s"), ("f", "Hz"), (ANY, "rad/s")),
+    "f (Hz) or omega (rad/s)",
+)
+
+
+def _modulus(name: str, letter: str, primes: str, words: str, usual: str) -> Quantity:
+    """A column of E or G (`letter`) by its primes or by words; G only where the name says so."""
+    kind = "(?=g|shear)" if letter == "g" else "(?!g|shear)"
+    pattern = rf"{kind}(?=.*(?:{letter}{primes}(?!')|{words}))(?!.*(?:tan|fa[ck]tor|angle|{primes}'))[a-z'*]+"
+    return Quantity(name, pattern, MODULI, ((ANY, "Pa"),), usual)
+
+
+STORAGE = _modulus("storage modulus", "e", "'", "stor|speicher", "E' (MPa)")
+LOSS = _modulus("loss modulus", "e", "''", "loss|verlust", "E'' (MPa)")
+SHEAR_STORAGE = _modulus("shear storage modulus", "g", "'", "stor|speicher", "G' (MPa)")
+SHEAR_LOSS = _modulus("shear loss modulus", "g", "''", "loss|verlust", "G'' (MPa)")
+TAN = Quantity("tan delta", r"tan[a-zδ]*|lossfactor|losstangent|verlustfaktor", NUMBERS, ((ANY, ""),), "tan delta")
+TEMPERATURE = Quantity("temperature", r"temp|temperature?|T", TEMPERATURES, ((ANY, "degC"),), "T (degC)")
+SHIFT = Quantity("log10 a_T", r"(?:log10|log|lg)?(?:at|shift|shiftfactors?)", NUMBERS, ((ANY, ""),), "log_aT")
+COLUMNS = (FREQUENCY, SHEAR_STORAGE, SHEAR_LOSS, STORAGE, LOSS, TAN, TEMPERATURE)
+ORDER = ("frequency", "storage modulus", "loss modulus")
+CURVE = (
+    ", or a table { relaxed = Pa, unrelaxed = Pa, exponent = 1, time = s } or { relaxed = Pa, terms = [[Pa, s], ...] }"
+)
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """Rows (n,) of a measurement: omega in rad/s, E' and E'' in Pa, temperatures in K where the file has them."""
+
+    omega: np.ndarray
+    storage: np.ndarray
+    loss: np.ndarray
+    T: np.ndarray | None = None
+
+    @property
+    def temperatures(self) -> tuple[float, ...]:
+        """Mean temperature (K) of every sweep, rising; rows belong together that are less than 1.5 K apart."""
+        if self.T is None:
+            return ()
+        T = np.sort(self.T)
+        return tuple(float(part.mean()) for part in np.split(T, np.flatnonzero(np.diff(T) > JUMP) + 1))
+
+    def reduced(self, shift: WLF | Shifts | None) -> np.ndarray:
+        """omega a_T(T) (n,), rad/s."""
+        return self.omega if shift is None or self.T is None else self.omega * shift(self.T)
+
+    def master(self, shift: WLF | Shifts | None = None) -> Measured:
+        """One curve over rising reduced frequency, rows at the same frequency averaged (log mean)."""
+        x = np.log10(self.reduced(shift))
+        order = np.argsort(x, kind="stable")
+        x, y = x[order], np.log10([self.storage, self.loss])[:, order]
+        group, start, near = np.zeros(len(x), dtype=int), x[0], CLOSE if len(self.temperatures) > 1 else SAME
+        for i in range(1, len(x)):
+            new = x[i] - start > near
+            group[i] = group[i - 1] + new
+            start = x[i] if new else start
+        count = np.bincount(group)
+        omega, storage, loss = (10.0 ** (np.bincount(group, v) / count) for v in (x, *y))
+        return Measured(tuple(omega.tolist()), tuple(storage.tolist()), tuple(loss.tolist()))
+
+    def scatter(self, shift: WLF | Shifts | None) -> float:
+        """Rms distance of log10 E' between sweeps next in temperature where they overlap, decades; nan if nowhere."""
+        x, y = np.log10(self.reduced(shift)), np.log10(self.storage)
+        means = np.array(self.temperatures)
+        sweep = np.argmin(np.abs(self.T[:, None] - means), axis=1)
+        apart = [np.empty(0)]
+        for k in range(len(means) - 1):
+            here, there = sweep == k, np.flatnonzero(sweep == k + 1)
+            there = there[np.argsort(x[there])]
+            inside = here & (x >= x[there[0]]) & (x <= x[there[-1]])
+            apart.append(y[inside] - np.interp(x[inside], x[there], y[there]))
+        apart = np.concatenate(apart)
+        return float(np.sqrt(np.mean(apart**2))) if len(apart) else float("nan")
+
+
+def read_master(source, folder: Path, key: str, shift: WLF | Shifts | None = None, poisson: float = 0.5) -> Measured:
+    """The master curve of a file or of rows [omega rad/s, E' Pa, E'' Pa]; raw sweeps are reduced by `shift`.
+
+    Raises BadInput naming key, file and line where numbers or units cannot be right, for sweeps at several
+    temperatures without a shift, and for frequencies that are reduced already beside a column of temperatures.
+    """
+    sweeps = read_sweeps(source, folder, key, poisson)
+    name = f"{key}: {source}" if isinstance(source, str) else key
+    temperatures = sweeps.temperatures
+    if len(temperatures) > 1:
+        span = f"{temperatures[0] - ZERO:.0f} to {temperatures[-1] - ZERO:.0f} degC"
+        if shift is None:
+            raise BadInput(f"{name}: sweeps from {span} without a shift; give WLF constants or shift factors")
+        before, after = sweeps.scatter(None), sweeps.scatter(shift)
+        if after > 0.1 and not after < before:
+            raise BadInput(
+                f"{name}: sweeps from {span} lie {after:.2g} decades apart once shifted, {before:.2g} before; "
+                "give the shift of this rubber, or leave out the temperatures if the frequencies are reduced already"
+            )
+    curve = sweeps.master(shift)
+    if len(curve.omega) < 3:
+        raise BadInput(f"{name}: {len(curve.omega)} different frequencies; give 3 or more")
+    return curve
+
+
+def read_sweeps(source, folder: Path, key: str, poisson: float = 0.5) -> Sweeps:
+    """Rows of a file or of a case as measured, checked.  Raises BadInput as `read_master` does."""
+    if isinstance(source, (list, tuple)):
+        table = of_rows(interpolation.rows(source, folder, key, 3), key, (FREQUENCY, STORAGE, LOSS))
+    else:
+        table = read(source, folder, key, COLUMNS, ORDER, CURVE)
+    storage, loss = _young(table, key, poisson)
+    T = None
+    if "temperature" in table:
+        T = table["temperature"]
+        wrong = ~((T > 120.0) & (T < 700.0))
+        table.need(wrong, "temperature", "-150 to 420 degC", "are they in K? say so in a units line")
+    return Sweeps(table["frequency"], storage, loss, T)
+
+
+def _young(table: Table, key: str, poisson: float) -> tuple[np.ndarray, np.ndarray]:
+    """E' and E'' (Pa) from whichever moduli the table has, each checked where it stands."""
+    shear = "shear storage modulus" in table and "storage modulus" not in table
+    storage, loss = ("shear storage modulus", "shear loss modulus") if shear else ORDER[1:]
+    _needs(table, "frequency", FREQUENCY.usual)
+    _needs(table, storage, f"{STORAGE.usual} or {SHEAR_STORAGE.usual}")
+    if loss not in table:
+        _needs(table, "tan delta", f"{SHEAR_LOSS.usual if shear else LOSS.usual} or tan delta")
+    _positive(table, "frequency", 0.0, np.inf, "a frequency > 0")
+    megapascal = "is the modulus in MPa? say so in a units line"
+    factor = 2 * (1 + poisson) if shear else 1.0
+    _positive(table, storage, 1e3 / factor, 1e12 / factor, "a modulus from 1e3 to 1e12 Pa", megapascal)
+    if loss in table:
+        _positive(table, loss, 0.0, 1e12, "a loss modulus > 0, up to 1e12 Pa")
+        return factor * table[storage], factor * table[loss]
+    _positive(table, "tan delta", 0.0, 100.0, "a loss factor > 0, up to 100")
+    return factor * table[storage], factor * table[storage] * table["tan delta"]
+
+
+def _needs(table: Table, name: str, usual: str) -> None:
+    if name not in table:
+        found = ", ".join(repr(c.name) for c in table.columns.values())
+        raise BadInput(f"{table.prefix} no column of {name} beside {found}; name it {usual}")
+
+
+def _positive(table: Table, name: str, low: float, high: float, right: str, hint: str = "") -> None:
+    values = table[name]
+    table.need(~((values > low) & (values < high)), name, right, hint)
+
+
+def read_shift(source, folder: Path, key: str) -> Shifts:
+    """Shift factors of a file or of rows [T degC, log10 a_T], rows at the same temperature averaged.
+
+    Raises BadInput where temperatures or factors cannot be right: log10 a_T falls with temperature.
+    """
+    if isinstance(source, (list, tuple)):
+        table = of_rows(interpolation.rows(source, folder, key, 2), key, (TEMPERATURE, SHIFT))
+    else:
+        table = read(source, folder, key, (TEMPERATURE, SHIFT), ("temperature", "log10 a_T"))
+    for quantity in (TEMPERATURE, SHIFT):
+        _needs(table, quantity.name, quantity.usual)
+    T, decades = table["temperature"], table["log10 a_T"]
+    right = "-150 to 420 degC"
+    table.need(~((T > 120.0) & (T < 700.0)), "temperature", right, "are they in K? say so in a units line")
+    table.need(~(np.abs(decades) < 40.0), "log10 a_T", "log10 of the shift factor, between -40 and 40")
+    if "log" not in (name := table.columns["log10 a_T"].name).lower() and "lg" not in name.lower():
+        _logarithm(table, decades)
+    places, back = np.unique(T, return_inverse=True)
+    decades = np.bincount(back, decades) / np.bincount(back)
+    if len(places) < 2 or decades[-1] >= decades[0]:
+        wrong = f"{len(places)} temperatures" if len(places) < 2 else "log10 a_T rises with temperature"
+        raise BadInput(f"{table.name}: {wrong}; give 2 or more, a_T falling with temperature")
+    return Shifts(tuple(places.tolist()), tuple(decades.tolist()))
+
+
+def _logarithm(table: Table, decades: np.ndarray) -> None:
+    """Factors a_T themselves are all positive and span decades: they are not their logarithms."""
+    if np.all(decades > 0) and decades.max() > 1e2 * decades.min():
+        table.need(decades > 0, "log10 a_T", "log10 a_T: these look like a_T itself")

@@ -1,0 +1,300 @@
+"""Power spectra of measured roads: read from a file, or computed from heights by SurfaceTopography.
+
+flashtemp's C(q) is isotropic with <h^2> = 2 pi int q C dq (m^4).  SurfaceTopography's differ by powers of 2 pi:
+<h^2> = 1/(2 pi) int q C2 dq for areas, so that C = C2/(4 pi^2), and <h^2> = 1/pi int C1 dk for lines, whose two-sided
+density is S(k) = C1/(2 pi).  A line sees every wave that crosses it, also obliquely:
+    S(k) = 2 int_k^inf C(q) q dq/sqrt(q^2 - k^2),      C(q) = -1/pi int_q^inf S'(k) dk/sqrt(k^2 - q^2)    (Abel)
+and S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.physics import interpolation
+from flashtemp.physics.friction.elastic_contact import library
+from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
+from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
+
+PER_DECADE = 20  # bins of q of an area
+PER_DECADE_LINE = 10  # of a line, whose spectrum is differentiated
+SPIKE = 10.0  # standard deviations, robust: beyond what any road has
+MOST_MISSING = 0.5
+SCARCE = 25.0  # variance of the longest waves' ln C over that of the shortest
+HEIGHTS = (1e-9, 0.1)  # m, plausible rms
+STEEP = 10.0  # rms slope that no road has
+LAW = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+ANY = ""  # fits every name
+WAVENUMBER = Quantity(
+    "wavenumber",
+    r"q|k|(?:wave|number|vector|spatial|angular|frequency)+[qk]?",
+    {name.format(u): (1 / f, 0.0) for u, f in LENGTHS.items() for name in ("1/{}", "rad/{}", "{}-1")},
+    ((ANY, "1/m"),),
+    "q (1/m)",
+)  # fmt: skip
+DENSITY = Quantity(
+    "power spectrum",
+    r"C|(?:psd|isotropic|iso|2d|power|spectr(?:um|al)|density|c(?:iso|2d)?|cq|q)+",
+    {f"{u}4": (f**4, 0.0) for u, f in LENGTHS.items()},
+    ((ANY, "m4"),),
+    "C (m^4), isotropic: not the m^3 of a line",
+)
+DISTANCE = Quantity(
+    "distance", r"(?:x|distance|position|length|abscissa)+", {k: (f, 0.0) for k, f in LENGTHS.items()},
+    ((ANY, "m"),), "x (mm)",
+)  # fmt: skip
+HEIGHT = Quantity(
+    "height", r"(?:z|h|height|depth|elevation|profile)+", {k: (f, 0.0) for k, f in LENGTHS.items()},
+    ((ANY, "m"),), "z (mm)",
+)  # fmt: skip
+
+
+def read_spectrum(source, folder: Path, key: str) -> Points:
+    """C(q) of a file or of rows [q 1/m, C m^4]; rows at the same wavenumber are averaged (log mean).
+
+    Raises BadInput naming key, file and line for values <= 0, and where the rms height shows wrong units.
+    """
+    if isinstance(source, (list, tuple)):
+        table = of_rows(interpolation.rows(source, folder, key, 2), key, (WAVENUMBER, DENSITY))
+    else:
+        table = read(source, folder, key, (WAVENUMBER, DENSITY), ("wavenumber", "power spectrum"), LAW)
+    where = table.name
+    for quantity in (WAVENUMBER, DENSITY):
+        if quantity.name not in table:
+            raise BadInput(f"{where}: no column of the {quantity.name}; name it {quantity.usual}")
+        values = table[quantity.name]
+        table.need(~((values > 0) & np.isfinite(values)), quantity.name, "a number > 0")
+    q, back = np.unique(table["wavenumber"], return_inverse=True)
+    C = np.exp(np.bincount(back, np.log(table["power spectrum"])) / np.bincount(back))
+    if len(q) < 3:
+        raise BadInput(f"{where}: {len(q)} different wavenumbers; give 3 or more")
+    return _plausible(q, C, where)
+
+
+def read_profile(file: Path, key: str = "profile") -> tuple[np.ndarray, float]:
+    """Heights (n,) in m, dropouts nan, and their step (m) from columns of distance and height, in any unit stated.
+
+    Raises BadInput for files without both columns or with uneven steps.
+    """
+    table = read(file.name, file.parent, key, (DISTANCE, HEIGHT), ("distance", "height"))
+    for quantity in (DISTANCE, HEIGHT):
+        if quantity.name not in table:
+            raise BadInput(f"{key}: {file.name}: no column of the {quantity.name}; name it {quantity.usual}")
+    x = table["distance"]
+    step = (x[-1] - x[0]) / max(1, len(x) - 1)
+    gaps = np.append(step, np.diff(x))
+    table.need(~(np.abs(gaps - step) < 0.2 * abs(step)), "distance", f"even steps, here of {abs(step):.4g} m")
+    return table["height"], float(abs(step))
+
+
+def without_spikes(heights: np.ndarray) -> np.ndarray:
+    """Heights with nan for those more than ten robust standard deviations from the median: dropouts, end plates.
+
+    Raises BadInput where most are missing.
+    """
+    h = np.array(heights, dtype=float)
+    _missing(h)
+    away = np.abs(h - np.nanmedian(h))
+    limit = SPIKE * 1.4826 * np.nanmedian(away)
+    return np.where(away > limit, np.nan, h) if limit > 0 else h
+
+
+def of_topography(heights: np.ndarray, pixel, longest: float = np.inf) -> Points:
+    """C(q) of heights (nx, ny) in m, missing ones nan, `pixel` m (or one per axis), without waves over `longest` m.
+
+    Tilt is taken off, a Hann window applied, missing points filled smoothly; q goes from two waves over the field
+    to the coarser axis' Nyquist wavenumber.  Raises BadInput where too much is missing or the heights are flat.
+    """
+    h = np.asarray(heights, dtype=float)
+    if h.ndim != 2 or min(h.shape) < 16:
+        raise BadInput(f"topography: {' x '.join(map(str, h.shape))} heights; give 16 x 16 or more")
+    size = tuple(n * d for n, d in zip(h.shape, np.broadcast_to(pixel, 2), strict=True))
+    masked = np.ma.masked_invalid(h) if _missing(h) else h
+    road = library().Topography(masked, size)
+    if _missing(h):
+        road = library().Topography(np.asarray(road.interpolate_undefined_data().heights()), size)
+    q, C = road.detrend("height").power_spectrum_from_area(nb_points_per_decade=PER_DECADE)
+    return _points(q, C / (4 * np.pi**2), min(longest, max(size) / 2), "topography")
+
+
+def of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> Points:
+    """Isotropic C(q) of a line's heights (n,) in m, missing ones nan, every `step` m, without waves over `longest` m.
+
+    Several lines (m, n) are averaged.  The road is taken as isotropic with a C that falls with q.  q goes from two
+    waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises as `of_topography`.
+    """
+    k, S = _line_spectrum(heights, step)
+    if len(k) < 3 or not np.all(S > 0):
+        raise BadInput("profile: the heights are flat; give a rough surface")
+    C = isotropic(k, S)
+    keep = k <= np.pi / step / 2
+    return _points(k[keep], C[keep], min(longest, np.pi / k[0]), "profile")
+
+
+def profile_height(heights: np.ndarray, step: float, longest: float = np.inf) -> float:
+    """Rms height (m) of a line itself (n,) from waves along it no longer than `longest` m."""
+    scan = _scan(heights, step)
+    k, C = scan.power_spectrum_from_profile(resampling_method=None)
+    keep = (k > 0) & (k >= 2 * np.pi / longest)
+    return float(np.sqrt(np.sum(C[keep]) * (k[1] - k[0]) / np.pi))
+
+
+def isotropic(k: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """C (n,) in m^4 at k (1/m, rising) from the two-sided spectrum S (n,) in m^3 of a line: Abel's inverse.
+
+    S is made to fall (weighted isotonic regression), as it does where C falls; its last half decade goes on beyond.
+    """
+    from scipy.interpolate import PchipInterpolator
+    from scipy.optimize import isotonic_regression
+
+    x, y = np.log(k), np.log(isotonic_regression(S, weights=k, increasing=False).x)
+    curve = PchipInterpolator(x, y)
+    upper = x >= x[-1] - 0.5 * np.log(10.0)
+    beyond = float(np.clip(np.polyfit(x[upper], y[upper], 1)[0], -3.0, -1.05)) if upper.sum() > 1 else -2.0
+    u = np.linspace(0.0, 10.0, 2001)  # k = q cosh u
+    at = x[:, None] + np.log(np.cosh(u))
+    inside = at < x[-1]
+    held = np.minimum(at, x[-1])
+    slope = np.where(inside, curve(held, 1), beyond)
+    ln_S = curve(held) + beyond * (at - held)
+    return np.trapezoid(-slope * np.exp(ln_S - at), u, axis=1) / np.pi
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A spectrum in a few numbers: rms height (m) and slope between its ends q0, q1 (1/m), and its self-affine fit."""
+
+    height: float
+    slope: float
+    q0: float
+    q1: float
+    law: SelfAffine
+
+    @classmethod
+    def of(cls, points: Points) -> Summary:
+        """Of points over their whole reach."""
+        road = Spectrum(points, *points.reach)
+        return cls(road.height, road.slope(), *points.reach, fit(points))
+
+    @property
+    def remarks(self) -> list[str]:
+        """In words: what no road has, a Hurst exponent outside 0 to 1 or an rms slope above 10."""
+        said = []
+        if not 0.0 <= round(self.law.hurst, 2) <= 1.0:
+            said.append(
+                f"Hurst exponent {self.law.hurst:.2f}: a self-affine road has one from 0 to 1; "
+                "is this noise, or are heights filtered?"
+            )
+        if not self.slope <= STEEP:
+            said.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
+        return said
+
+    def as_dict(self) -> dict:
+        """For --json: lengths and wavelengths in m, level in m^4."""
+        waves = {"rolloff_m": self.law.rolloff, "longest_m": self.q0, "shortest_m": self.q1}
+        return {
+            "rms_height_m": self.height,
+            "rms_slope": self.slope,
+            "hurst": self.law.hurst,
+            "level_m4": self.law.level,
+            **{k: 2 * np.pi / q for k, q in waves.items()},
+            "remarks": self.remarks,
+        }
+
+    def __str__(self) -> str:
+        rolloff, longest, shortest = (2e3 * np.pi / q for q in (self.law.rolloff, self.q0, self.q1))
+        text = (
+            f"Power spectrum from {longest:.3g} to {shortest:.3g} mm wavelength: "
+            f"rms height {1e3 * self.height:.3g} mm, rms slope {self.slope:.3g}\n"
+            f"  self-affine below {rolloff:.3g} mm: Hurst exponent {self.law.hurst:.2f}, C0 {self.law.level:.3g} m^4"
+        )
+        return "\n".join([text, *(f"  remark: {remark}" for remark in self.remarks)])
+
+
+def save(points: Points, file: Path) -> None:
+    """Write the CSV that `read_spectrum` reads."""
+    rows = (f"{q:.9e},{C:.9e}\n" for q, C in zip(points.q, points.C, strict=True))
+    file.write_text("q_1/m,C_m4\n" + "".join(rows), encoding="utf-8")
+
+
+def fit(points: Points, longest: float = np.inf, shortest: float = 0.0) -> SelfAffine:
+    """The self-affine law with roll-off nearest to ln C between two wavelengths (m), by least squares.
+
+    Raises BadInput where fewer than four points lie between them.
+    """
+    q, C = np.array(points.q), np.array(points.C)
+    keep = (2 * np.pi / q <= longest) & (2 * np.pi / q >= shortest)
+    if keep.sum() < 4:
+        raise BadInput(f"spectrum: {keep.sum()} points from {shortest:g} to {longest:g} m; give a wider range")
+    x, y = np.log(q[keep]), np.log(C[keep])
+    weight = 1 / (1 + SCARCE * (q[0] / q[keep]) ** 2)  # few long waves fit into a measurement
+    best = (np.inf, 0.0, 0.0, 0.0)
+    for start in [x[0], *np.linspace(x[0], x[-1], 200)[1:]]:
+        bent = np.maximum(x - start, 0.0)
+        if np.count_nonzero(bent) < max(3, len(x) // 4):
+            break
+        (slope, level), residual = _line(bent, y, weight)
+        best = min(best, (residual, start, slope, level))
+    _, start, slope, level = best
+    return SelfAffine(float(np.exp(level)), float(np.exp(start)), float(-slope / 2 - 1))
+
+
+def _line(x, y, weight) -> tuple[np.ndarray, float]:
+    found = np.polyfit(x, y, 1, w=np.sqrt(weight))
+    return found, float(np.sum(weight * (y - np.polyval(found, x)) ** 2))
+
+
+def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """k (1/m) and the two-sided S (m^3), mean of the lines."""
+    lines = np.atleast_2d(np.asarray(heights, dtype=float))
+    scans = [_scan(h, step, cut=len(lines) == 1) for h in lines]
+    found = [s.power_spectrum_from_profile(nb_points_per_decade=PER_DECADE_LINE) for s in scans]
+    full = ~np.ma.getmaskarray(found[0][1])
+    return np.asarray(found[0][0])[full], np.mean([np.asarray(C)[full] for _, C in found], axis=0) / (2 * np.pi)
+
+
+def _scan(heights: np.ndarray, step: float, cut: bool = True):
+    """A line without tilt; gaps bridged by straight lines, missing ends `cut` or held."""
+    h = np.asarray(heights, dtype=float)
+    if _missing(h):
+        there = np.flatnonzero(np.isfinite(h))
+        span = (there[0], there[-1] + 1) if cut else (0, len(h))
+        h = np.interp(np.arange(*span), there, h[there])
+    if h.ndim != 1 or len(h) < 64:
+        raise BadInput(f"profile: {len(h)} heights; give 64 or more")
+    return library().UniformLineScan(h, len(h) * step).detrend("height")
+
+
+def _missing(h: np.ndarray) -> bool:
+    share = np.mean(~np.isfinite(h)) if h.size else 1.0
+    if share > MOST_MISSING:
+        raise BadInput(f"heights: {100 * share:.0f} % are missing; give a measurement with half of them or more")
+    return share > 0
+
+
+def _points(q, C, longest: float, where: str) -> Points:
+    q, C = np.ma.filled(np.ma.masked_where(np.ma.getmaskarray(C), q), np.nan), np.ma.filled(C, np.nan)
+    keep = (q >= (1 - 1e-9) * 2 * np.pi / longest) & np.isfinite(C)
+    if keep.sum() < 3:
+        raise BadInput(f"{where}: fewer than 3 wavenumbers are left; give more heights, or longer waves")
+    if not np.all(C[keep] > 0):
+        raise BadInput(f"{where}: the heights are flat; give a rough surface")
+    return _plausible(q[keep], C[keep], where)
+
+
+def _plausible(q, C, where: str) -> Points:
+    """Points, if their rms height can be that of a road.  Raises BadInput."""
+    points = Points(tuple(map(float, q)), tuple(map(float, C)))
+    height = Spectrum(points, *points.reach).height
+    if not HEIGHTS[0] <= height <= HEIGHTS[1]:
+        raise BadInput(
+            f"{where}: rms height {height:.3g} m; give one from 1e-9 to 0.1 m: is q in 1/m and C in m^4 "
+            "(heights in m)? say so in a units line"
+        )
+    return points

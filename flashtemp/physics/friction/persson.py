@@ -1,0 +1,221 @@
+"""Persson's contact and friction theory: G(q), the area in contact P(q), mu and where its heat is released.
+
+>>> from flashtemp.physics.friction import rheology, roughness_spectrum
+>>> theory = Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
+>>> found = theory(0.1, 293.15, 1.5e5)
+>>> print(f"{found.stretch:.2f} {found.area:.6e} {found.viscous:.6f}")
+27503.09 3.401990e-03 0.428219
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import erf
+
+from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.friction.rheology import Rubber
+from flashtemp.physics.friction.roughness_spectrum import Spectrum
+
+ORDER = 8  # Gauss points per panel of q
+PASSES = 400  # of the softening with strain
+ANGLES = 64  # Gauss points from 0 to pi/2
+LOGS = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
+
+
+@dataclass(frozen=True)
+class Payne:
+    """Softening of filled rubber with strain: E falls by the factor f = rest + (1 - rest)/(1 + (e/e_c)^(2m)) (Kraus).
+
+    `rest` is what remains at large strain, `strain` e_c where half of the fall has happened, `power` m.
+    """
+
+    rest: float = 0.4
+    strain: float = 0.05
+    power: float = 0.6
+
+    def __call__(self, strain):
+        """Factor on the modulus."""
+        return self.rest + (1.0 - self.rest) / (1.0 + (strain / self.strain) ** (2 * self.power))
+
+
+@dataclass(frozen=True)
+class Enlarged:
+    """What changes the area in contact by a factor that depends on the nominal pressure (Pa, rising).
+
+    The adhesive part of friction follows the area; the viscoelastic part follows its power `viscous`.
+    """
+
+    pressure: tuple[float, ...]
+    factor: tuple[float, ...]
+    viscous: float = 1.0
+
+    def __call__(self, p):
+        """Factor on the area in contact at nominal pressures p (Pa), ends held."""
+        return np.exp(np.interp(np.log(p), np.log(self.pressure), np.log(self.factor)))
+
+
+@dataclass(frozen=True)
+class Found:
+    """Contact and friction at speeds, temperatures and pressures (...); spectra over `q` (..., n).
+
+    `G`, `P` = A(q)/A0; `density` dmu_visc/dq (m) with `weight` dq (1/m) of every node: viscous = sum weight density;
+    `viscous`, `adhesive` friction coefficients; `stretch` G and `area` A/A0 at q1.
+    """
+
+    q: np.ndarray
+    weight: np.ndarray
+    G: np.ndarray
+    P: np.ndarray
+    density: np.ndarray
+    viscous: np.ndarray
+    adhesive: np.ndarray
+    stretch: np.ndarray
+    area: np.ndarray
+
+    @property
+    def mu(self):
+        """Friction coefficient, viscoelastic and adhesive."""
+        return self.viscous + self.adhesive
+
+
+@lru_cache(maxsize=16)
+def _angular(rubber: Rubber):
+    """ln int |E|^2 dphi and int cos phi Im E dphi over its root, against ln(q v a_T); E over 1 - nu^2, Pa."""
+    x, w = np.polynomial.legendre.leggauss(ANGLES)
+    cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
+    E = rubber.modulus(np.multiply.outer(np.exp(LOGS), cos)) / (1.0 - rubber.poisson**2)
+    square = (np.abs(E) ** 2) @ w
+    return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, (E.imag * cos) @ w / np.sqrt(square))
+
+
+@lru_cache(maxsize=16)
+def _cut(theory: Theory, q: float) -> Theory:
+    return replace(theory, road=replace(theory.road, q1=q))
+
+
+@dataclass(frozen=True)
+class Theory:
+    """Rubber on a road: what the theory needs beside speed, temperature and pressure.
+
+    `gamma` of S = gamma + (1 - gamma) P^2, the share of stored energy lost where contact is partial; `shear` the
+    stress of the real contact; `saturation` False takes the limit of small contact, P = 1/sqrt(pi G) without bound and
+    S = gamma; `payne` softens the rubber with strain; `enlarged` changes the area.
+    """
+
+    rubber: Rubber
+    road: Spectrum
+    gamma: float = 0.5
+    shear: Shear | None = None
+    saturation: bool = True
+    payne: Payne | None = None
+    enlarged: tuple[Enlarged, ...] = ()
+
+    @cached_property
+    def _nodes(self):
+        """Gauss nodes (n,) of q in panels of ln q, their weights dq, and integrals from q0 up to each node."""
+        edges = np.log(self.road.edges())
+        x, w = np.polynomial.legendre.leggauss(ORDER)
+        half = 0.5 * np.diff(edges)
+        q = np.exp(0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * x)
+        legendre = np.polynomial.legendre
+        basis = np.array([legendre.legval(x, row) for row in np.eye(ORDER)])
+        rising = np.array([legendre.legval(x, legendre.legint(row, lbnd=-1)) for row in np.eye(ORDER)])
+        return q, half[:, None] * w * q, half[:, None], np.linalg.solve(basis, rising)
+
+    @property
+    def q(self) -> np.ndarray:
+        """Wavenumbers (n,) of the nodes, 1/m."""
+        return self._nodes[0].ravel()
+
+    def up_to(self, values: np.ndarray) -> np.ndarray:
+        """Integrals of q-densities (..., n) from q0 up to every node."""
+        q, weight, half, rising = self._nodes
+        f = values.reshape(*values.shape[:-1], *q.shape)
+        panel = np.sum(f * weight, axis=-1)
+        before = np.cumsum(panel, axis=-1) - panel
+        return (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
+
+    def __call__(self, v, T, p, surface=None) -> Found:
+        """Contact and friction at speed v (m/s), temperature T (K) and nominal pressure p (Pa), which broadcast (...).
+
+        T may be (..., n), one value per wavenumber; then `surface` (...) K is that of the real contact, T at q1
+        if none is given.
+        """
+        v, p = np.asarray(v, dtype=float), np.asarray(p, dtype=float)
+        T = np.asarray(T, dtype=float)
+        if not (T.ndim and T.shape[-1] == len(self.q)):
+            T = T[..., None]
+        surface = T[..., -1] if surface is None else np.asarray(surface, dtype=float)
+        shape = np.broadcast_shapes(v.shape, p.shape, T.shape[:-1], surface.shape)
+        v, p, T = (np.broadcast_to(a, (*shape, a.shape[-1])) for a in (v[..., None], p[..., None], T))
+        q = self.q
+        square, loss = _angular(self.rubber)
+        x = np.clip(np.log(q * v * self.rubber.factor(T)), LOGS[0], LOGS[-1])
+        root = np.exp(0.5 * square(x)) / p
+        C = self.road(q)
+        softer = 1.0
+        for _ in range(1 if self.payne is None else PASSES):
+            rate = q**3 * C * (softer * root) ** 2 / 8
+            G = np.maximum(self.up_to(rate), 1e-300)
+            P = self._fraction(G)
+            if self.payne is None:
+                break
+            strain = np.sqrt(2 * np.pi) / (P * softer * root)
+            new = self.payne(strain)
+            change, softer = np.max(np.abs(new - softer)), new
+            if change < 1e-8:
+                break
+        else:
+            raise SolverFailure(f"softening of the rubber with strain does not settle: {change:.1g} of the modulus")
+        S = self.gamma + (1 - self.gamma) * P**2 * self.saturation
+        density = 0.5 * q**3 * C * S * P * softer * root * loss(x)
+        stretch = np.sum(rate * self.weight, axis=-1)
+        area = self._fraction(stretch)
+        for part in self.enlarged:
+            factor = part(p)
+            P, density, area = P * factor, density * factor**part.viscous, area * factor[..., 0]
+        if self.saturation and self.enlarged:
+            P, area = np.minimum(P, 1.0), np.minimum(area, 1.0)
+        viscous = np.sum(density * self.weight, axis=-1)
+        adhesive = 0.0 * viscous if self.shear is None else self.shear(v[..., 0], surface) * area / p[..., 0]
+        return Found(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
+
+    def _fraction(self, G):
+        """P of G: erf(1/(2 sqrt G)), or its tangent at small contact where saturation is left out."""
+        return erf(0.5 / np.sqrt(G)) if self.saturation else 1.0 / np.sqrt(np.pi * G)
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Gauss weights dq (n,) of the nodes, 1/m."""
+        return self._nodes[1].ravel()
+
+    def upto(self, q: float) -> Theory:
+        """The theory of the same road without waves shorter than those of q (1/m).  Raises BadInput below its waves."""
+        if not q > self.road.q0:
+            longest, asked = 2 * np.pi / self.road.q0, 2 * np.pi / q
+            raise BadInput(
+                f"contact.spot_diameter: {asked:.3g} m is not below the road's longest wave, {longest:.3g} m; "
+                "give smaller spots, their fraction, or a spectrum with longer waves"
+            )
+        return _cut(self, q)
+
+    def covering(self, q: float, T: float, p: float) -> Callable:
+        """Law (v, p) of P at one wavenumber q (1/m) at T (K), around a pressure p (Pa): G falls as 1/p^2 there."""
+
+        cut = self.upto(q)
+
+        @lru_cache(maxsize=2)
+        def resisting(v):  # Pa
+            return p * np.sqrt(cut(v, T, p).stretch)
+
+        return lambda v, local: erf(0.5 * local / resisting(v))
+
+    def contact(self, q: float, v, T, p):
+        """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
+        return self.upto(q)(v, T, p).area

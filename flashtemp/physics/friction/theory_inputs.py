@@ -1,0 +1,200 @@
+"""From the keys of a case to a theory of friction, and from that to heat in depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, nearest
+from flashtemp.physics import interpolation
+from flashtemp.physics.friction import rheology, roughness_spectrum
+from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.friction.persson import Payne, Theory
+
+KELVIN = 273.15
+BEYOND = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
+USUAL_WLF = (7.718, 116.6)  # of rubber A; K
+PER_DECADE = 3.0  # deposits in depth
+PRESSED = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
+SKEW_GRID = 128  # points along a side of the roads on which skewness is solved
+CREEP = 0.1  # m/s, at which the modulus that macroasperities feel is taken
+
+COLE_COLE = {"relaxed": "Pa", "unrelaxed": "Pa", "exponent": "1", "time": "s"}
+SELF_AFFINE = {"height": "m", "rolloff": "1/m", "hurst": "1", "lowest": "1/m"}
+
+
+def theory(values: dict[str, Any], folder, table: str) -> Theory:
+    """The theory that the keys of `table` describe; files are looked up in `folder`.  Raises BadInput."""
+    shear = None
+    if values["shear_stress"] > 0:
+        shear = Shear(values["shear_stress"], values["shear_width"], values["shear_speed"], values["activation"])
+    payne = None
+    if values["payne_rest"] < 1.0:
+        payne = Payne(values["payne_rest"], values["payne_strain"])
+    road = _road(values, folder, table)
+    plain = Theory(_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne)
+    return replace(plain, enlarged=_enlarged(values["flattened"], values["work_of_adhesion"], plain))
+
+
+def _rubber(values, folder, table: str) -> rheology.Rubber:
+    constants = values["wlf"]
+    if constants is not None and (len(constants) != 2 or not all(map(_positive, constants))):
+        raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
+    if values["master_curve"] is None:
+        for key in ("wlf", "shift"):
+            if values[key] is not None:
+                raise BadInput(f"{table}.{key}: belongs to a master_curve; give that too, or leave it out")
+        name = values["rubber"]
+        if name not in rheology.READY:
+            raise BadInput(_unknown(f"{table}.rubber", name, rheology.READY, "master_curve"))
+        return replace(rheology.READY[name], poisson=values["poisson"])
+    from flashtemp.physics.friction import master_curve_files
+
+    shift = rheology.WLF(*(constants or USUAL_WLF), values["reference"] + KELVIN)
+    told = constants or values["shift"]
+    if values["shift"] is not None:
+        shift = master_curve_files.read_shift(values["shift"], folder, f"{table}.shift")
+    given, key = values["master_curve"], f"{table}.master_curve"
+    if isinstance(given, dict):
+        return rheology.Rubber(_analytic(given, key), shift, values["poisson"], "given")
+    curve = master_curve_files.read_master(given, folder, key, shift if told else None, values["poisson"])
+    return rheology.Rubber(curve, shift, values["poisson"], "measured")
+
+
+def _analytic(given: dict, key: str) -> rheology.ColeCole | rheology.Prony:
+    """A Cole-Cole curve, or a Prony series { relaxed, terms = [[E_i, tau_i], ...] }."""
+    if set(given) == {"relaxed", "terms"}:
+        terms = interpolation.rows(given["terms"], Path(), f"{key}.terms", 2)
+        if terms.min() <= 0 or not _positive(given["relaxed"]):
+            raise BadInput(f"{key}: {given!r}; give moduli (Pa) and times (s) > 0")
+        return rheology.Prony(float(given["relaxed"]), *(tuple(column) for column in terms.T.tolist()))
+    _needs(given, COLE_COLE, key, "or { relaxed, terms = [[Pa, s], ...] }")
+    if not (given["unrelaxed"] > given["relaxed"] and given["exponent"] <= 1):
+        raise BadInput(f"{key}: {given!r}; give unrelaxed > relaxed and an exponent <= 1")
+    return rheology.ColeCole(**{k: float(v) for k, v in given.items()})
+
+
+def _needs(given: dict, units: dict[str, str], key: str, otherwise: str) -> None:
+    if set(given) != set(units) or not all(_positive(v) for v in given.values()):
+        words = ", ".join(f"{k} = {unit}" for k, unit in units.items())
+        raise BadInput(f"{key}: {given!r}; give {{ {words} }}, all > 0, {otherwise}")
+
+
+def _positive(value) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")
+
+
+def _road(values, folder, table: str) -> roughness_spectrum.Spectrum:
+    if values["spectrum"] is None:
+        name = values["road"]
+        if name not in roughness_spectrum.READY:
+            raise BadInput(_unknown(f"{table}.road", name, roughness_spectrum.READY, "spectrum"))
+        road = roughness_spectrum.READY[name]
+    elif isinstance(given := values["spectrum"], dict):
+        _needs(given, SELF_AFFINE, f"{table}.spectrum", "a CSV file or rows of [1/m, m4]")
+        if not (given["hurst"] < 1 and given["rolloff"] > given["lowest"]):
+            raise BadInput(f"{table}.spectrum: {given!r}; give hurst < 1 and a rolloff above the lowest")
+        road = roughness_spectrum.self_affine(*(given[k] for k in SELF_AFFINE), slope=None, name="given")
+    else:
+        from flashtemp.physics.friction import measured_roughness
+
+        points = measured_roughness.read_spectrum(values["spectrum"], folder, f"{table}.spectrum")
+        road = roughness_spectrum.Spectrum(points, points.q[0], points.q[-1], "measured")
+    road = road if values["lowest"] is None else replace(road, q0=values["lowest"])
+    if values["highest"] is not None:
+        if not values["highest"] > road.q0:
+            raise BadInput(f"{table}.highest: {values['highest']:g} 1/m is not above the lowest, {road.q0:.4g} 1/m")
+        return replace(road, q1=values["highest"])
+    try:
+        return road.to_slope(values["rms_slope"])
+    except BadInput as fault:
+        raise BadInput(f"{table}.{fault}") from fault
+
+
+def _unknown(key: str, name: str, ready, otherwise: str) -> str:
+    return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
+
+
+def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
+    """What skewness and work of adhesion do to the area."""
+    modulus = low_modulus(plain)
+    skewed = (_skewed(flattened, modulus, plain.road),) if flattened < 1.0 else ()
+    return skewed + ((_attracted(work, replace(plain, payne=None)),) if work > 0.0 else ())
+
+
+@lru_cache(maxsize=32)
+def _skewed(flattened: float, modulus: float, road: roughness_spectrum.Spectrum):
+    from flashtemp.physics.friction import skewness
+
+    return skewness.skewed(flattened, modulus, tuple(PRESSED.tolist()), SKEW_GRID, road=road)
+
+
+@lru_cache(maxsize=32)
+def _attracted(work: float, plain: Theory):
+    from flashtemp.physics.friction import adhesion
+
+    return adhesion.attracted(plain, CREEP, 293.15, work, PRESSED, viscous=0.0)
+
+
+def assumed(values: dict[str, Any]) -> list[str]:
+    """In words: what the case leaves open and the theory needs."""
+    if values["master_curve"] is not None and values["wlf"] is None and values["shift"] is None:
+        return [f"no shift factor was given: the master curve is shifted by C1, C2 = {USUAL_WLF} K, those of rubber A"]
+    return []
+
+
+def low_modulus(theory: Theory) -> float:
+    """Contact modulus |E|/(1 - nu^2) (Pa) that the longest waves of the road feel in slow sliding at 20 degC."""
+    E = theory.rubber(theory.road.q0 * CREEP, 293.15)
+    return float(np.abs(E) / (1 - theory.rubber.poisson**2))
+
+
+def depths(theory: Theory, v: float, T: float, p: float, shallow: float) -> list[tuple[float, float]]:
+    """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `shallow` (m).
+
+    The spectrum of dmu/dq, whose heat decays over 1/(2q), at speed v (m/s), T (K) and p (Pa), gathered in a few
+    depths; eqs. (6) and (7).
+    """
+    found = theory(v, T, p)
+    share = found.density * found.weight / found.mu
+    depth = 0.5 / found.q
+    bin_of = np.floor(PER_DECADE * np.log10(depth / shallow)).astype(int)
+    out = []
+    for k in np.unique(bin_of[bin_of >= 0]):
+        mine = bin_of == k
+        total = float(share[mine].sum())
+        out.append((total, float(np.exp(np.sum(share[mine] * np.log(depth[mine])) / total))))
+    return [(s, d) for s, d in out if s > 1e-6]
+
+
+def beyond(theory: Theory, speeds, T: float, p: float) -> list[str]:
+    """In words: how much friction comes from frequencies or wavenumbers that nobody measured; speeds in m/s, T in K."""
+    said = [line for v in speeds for line in _beyond(theory, v, T, p)]
+    return list(dict.fromkeys(said))
+
+
+def _beyond(theory: Theory, v: float, T: float, p: float) -> list[str]:
+    found = theory(v, T, p)
+    share = found.density * found.weight / np.maximum(found.viscous, 1e-300)
+    low, high = theory.rubber.modulus.reach
+    omega = found.q * v * theory.rubber.factor(T)
+    q_low, q_high = theory.road.law.reach
+    cold, warm = theory.rubber.shift.reach
+    says = []
+    for part, outside, what in (
+        (share[omega > high].sum(), f"above {high:.3g} rad/s", "the master curve"),
+        (share[omega < low].sum(), f"below {low:.3g} rad/s", "the master curve"),
+        (share[found.q > q_high * (1 + 1e-9)].sum(), f"above {q_high:.3g} 1/m", "the spectrum"),
+        (share[found.q < q_low * (1 - 1e-9)].sum(), f"below {q_low:.3g} 1/m", "the spectrum"),
+    ):
+        if part > BEYOND:
+            says.append(f"{100 * part:.0f} % of the viscoelastic friction comes from {outside}, beyond {what}")
+    if not cold <= T <= warm:
+        says.append(
+            f"{T - KELVIN:.0f} degC lies beyond the shift factors ({cold - KELVIN:.0f} to {warm - KELVIN:.0f} degC)"
+        )
+    return says

@@ -1,0 +1,275 @@
+"""A tread block through its footprint: mass and spring on a road whose friction depends on speed and slid distance.
+
+Per unit area, from the moment the rubber touches the road (u = vs = r = 0):
+
+    m dvs/dt = k_t u - mu(vs, r) p,    du/dt = v_y - vs,    r = int vs dt,    vs = 0 while k_t u < mu p
+
+`u` m is the shear of the tread, `vs` m/s its sliding speed, `v_y` = slip v_R what shears it (theory, brush equations).
+
+>>> import numpy as np
+>>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
+>>> even = Branch(np.array([1e-5, 10.0]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
+>>> block = Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.1, pressure=3e5)
+>>> path = through(block, Law(even, even, 2e-3), [0.05])
+>>> round(1e3 * float(path.slid[-1, 0] + path.shear[-1, 0]), 6)  # mm, slip times footprint
+5.0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from flashtemp.errors import SolverFailure
+from flashtemp.physics.friction.cold_hot_law import SLOWEST, Law
+from flashtemp.physics.friction.curve_peak import Peak, highest
+from flashtemp.physics.friction.flash_temperature import Slide, Spots
+from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.material import Material
+
+FEW, MOST = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
+STEPS, FINEST = 800, 3200  # of the law alone
+SETTLED = 0.02  # of the friction of the footprint, that twice the steps may change
+APART = 0.01  # of the cold branch, below which it and the hot one are one
+TRIES, CLOSE = 80, 1e-8  # of the speed in a step; relative
+RINGING = 0.1  # share of the contact time that one ringing of mass and spring may take
+SWEPT = np.geomspace(2e-3, 0.5, 49)  # slips, for the maximum of friction
+
+
+@dataclass(frozen=True)
+class Tread:
+    """Rolling `speed` m/s, length of the `footprint` m, `stiffness` k_t Pa/m, `mass` kg/m2, nominal `pressure` Pa."""
+
+    speed: float
+    footprint: float
+    stiffness: float
+    mass: float
+    pressure: float
+
+    @property
+    def contact_time(self) -> float:
+        """From entry to exit, s."""
+        return self.footprint / self.speed
+
+    @property
+    def ringing(self) -> float:
+        """Period of mass and spring over the contact time; above 0.1 inertia is seen in the friction."""
+        return float(2 * np.pi * np.sqrt(self.mass / self.stiffness) / self.contact_time)
+
+
+class Path(NamedTuple):
+    """Through the footprint: `time` (n,) s; (n, m) for m slips: `shear` u m, `slid` r m, `speed` vs m/s, friction `mu`.
+
+    `mu` is that of the sliding rubber, mu(vs, r); `traction` k_t u/p is what the wheel feels.
+    """
+
+    time: np.ndarray
+    shear: np.ndarray
+    slid: np.ndarray
+    speed: np.ndarray
+    mu: np.ndarray
+    traction: np.ndarray
+
+
+def through(tread: Tread, law: Law, slips, steps: int = STEPS) -> Path:
+    """The path of a tread block with the cold-hot law, at all slips (m,) at once.  Raises SolverFailure."""
+    return _march(tread, law, tread.speed * np.asarray(slips, dtype=float), steps)
+
+
+def remembering(
+    tread: Tread, theory: Theory, rubber: Material, spots: Spots, T0: float, slip: float, steps: int = FEW
+) -> tuple[Path, np.ndarray]:
+    """The path at one slip with the kernel theory and all it remembers, and the highest T_q (n,) K along it.
+
+    The temperatures at which friction acts in a step are led on from the two steps before.  Raises SolverFailure.
+    """
+    slide = Slide(theory, rubber, spots, T0, tread.pressure, steps)
+    before, highest = slide.T, [slide.T.max()]
+
+    def friction(v, r):
+        T = np.maximum(2.0 * slide.T - before, T0)
+        return theory(np.maximum(v, SLOWEST), T, tread.pressure).mu
+
+    def done(dt, v):
+        nonlocal before
+        before = slide.T
+        slide.step(dt, float(v[0]))
+        highest.append(slide.T.max())
+
+    path = _march(tread, friction, np.array([tread.speed * slip]), steps, done)
+    return path, np.array(highest)
+
+
+def _march(tread: Tread, friction, pull: np.ndarray, steps: int, done=lambda dt, v: None) -> Path:
+    """Second-order backward differences over equal steps; the speed is found exactly, sticking included."""
+    k, m, p = tread.stiffness, tread.mass, tread.pressure
+    dt = tread.contact_time / steps
+    u, r, v, mu = (np.zeros((steps + 1, len(pull))) for _ in range(4))
+    mu[0] = friction(v[0], r[0])
+    for n in range(steps):
+        b = dt if n == 0 else dt * 2 / 3
+        u0, r0, v0 = (x[0] if n == 0 else (4 * x[n] - x[n - 1]) / 3 for x in (u, r, v))
+        drive, drag = m * v0 / b + k * (u0 + b * pull), m / b + k * b
+        ahead = 2 * v[n] - v[n - 1] if n else v[n]
+        v[n + 1], mu[n + 1] = _speed(lambda v, r0=r0, b=b: p * friction(v, r0 + b * v), drive, drag, ahead)
+        mu[n + 1] /= p
+        u[n + 1], r[n + 1] = u0 + b * (pull - v[n + 1]), r0 + b * v[n + 1]
+        done(dt, np.maximum(r[n + 1] - r[n], 0.0) / dt)
+    return Path(dt * np.arange(steps + 1), u, r, v, mu, k * u / p)
+
+
+def _speed(stress, drive: np.ndarray, drag: float, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds v >= 0 (m,) with drag v + stress(v) = drive, 0 where the stress at rest holds; and the stress (Pa).
+
+    Newton's method kept between bounds that close in on the root.  Raises SolverFailure.
+    """
+    rest = stress(np.zeros_like(drive))
+    free = drive > rest
+    if not free.any():
+        return np.zeros_like(drive), rest
+    low, high = np.zeros_like(drive), np.where(free, drive / drag, 0.0)
+    v = np.minimum(np.maximum(guess, 1e-4), high)
+    for _ in range(TRIES):
+        here = stress(v)
+        miss = drag * v + here - drive
+        low, high = np.where(miss < 0, v, low), np.where(miss < 0, high, v)
+        step = 1e-6 * v + 1e-12
+        slope = drag + (stress(v + step) - here) / step
+        new = v - miss / np.where(slope > 0, slope, np.inf)
+        back = np.where(low > 0, 0.5 * (low + high), 0.1 * v)  # friction is concave: Newton is quick from below
+        new = np.where((slope > 0) & (new >= low) & (new <= high), new, back)
+        new = np.where(free, new, 0.0)
+        change, v = np.abs(new - v), new
+        if np.all(change <= CLOSE * np.maximum(v, 1e-3)):
+            return v, np.where(free, drive - drag * v, rest)
+    raise SolverFailure(f"tread block: no sliding speed found, {change.max():.2g} m/s apart")
+
+
+def deviation(path: Path, law: Law) -> float:
+    """Largest difference of the law from the friction along a path, relative, from its own speeds and slid distance."""
+    on = path.speed > 0
+    return float(np.max(np.abs(law(path.speed, path.slid)[on] / path.mu[on] - 1.0))) if on.any() else 0.0
+
+
+def mean_traction(path: Path) -> np.ndarray:
+    """Mean over the footprint of k_t u/p (m,): the friction of the whole block at every slip."""
+    return np.trapezoid(path.traction, path.time, axis=0) / path.time[-1]
+
+
+def chatters(path: Path, pull) -> np.ndarray:
+    """Which paths (m,) stop again after they slid at half of what pulls them (m/s): friction that falls with speed."""
+    pull = np.asarray(pull, dtype=float)
+    fast = np.maximum.accumulate(path.speed > 0.5 * pull, axis=0)
+    return np.any(fast & (path.speed < 0.1 * pull), axis=0)
+
+
+def settled(tread: Tread, law: Law, slips, first: int, most: int) -> tuple[Path, float]:
+    """The law's path at slips (m,), and by which share the friction of the footprint moves with twice its steps.
+
+    From `first` on steps are doubled until that share is below SETTLED, where the block chatters twice in a row, or up
+    to `most`.  Raises SolverFailure.
+    """
+    pull, before = tread.speed * np.asarray(slips, dtype=float), 1.0
+    path = through(tread, law, slips, first)
+    while True:
+        twice = through(tread, law, slips, 2 * (len(path.time) - 1))
+        moved = float(np.max(np.abs(mean_traction(twice) / mean_traction(path) - 1.0)))
+        calm = before < SETTLED or not chatters(twice, pull).any()
+        if (moved < SETTLED and calm) or len(twice.time) - 1 > most:
+            return path, moved
+        path, before = twice, moved
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """A tread block at `slips` (m,): `path` with the law, `kernel` paths and highest T_q (K), one per slip.
+
+    Both take the same steps; twice as many move the law's friction of the footprint by a share `moved`.  `friction` is
+    that of the whole footprint over the slips of `SWEPT`, highest at `best`; `rough` where it chatters; T0 in K.
+    """
+
+    tread: Tread
+    law: Law
+    spots: Spots
+    T0: float
+    slips: np.ndarray
+    path: Path
+    kernel: tuple[tuple[Path, np.ndarray], ...]
+    friction: np.ndarray
+    best: Peak
+    rough: np.ndarray
+    moved: float
+
+    @property
+    def chatter(self) -> np.ndarray:
+        """At which slips (m,) the block sticks and slips, with the law or with the kernel theory."""
+        pull = self.tread.speed * self.slips
+        kernel = [chatters(path, v)[0] for (path, _), v in zip(self.kernel, pull, strict=True)]
+        return chatters(self.path, pull) | np.array(kernel)
+
+    @property
+    def to_hot(self) -> np.ndarray:
+        """How far (m,) the kernel theory's friction has come from the cold (0) to the hot branch (1) at the exit.
+
+        Nan where the branches are less than 1 % apart.
+        """
+        ends = ((self.law.ends(p.speed[-1, 0]), p.mu[-1, 0]) for p, _ in self.kernel)
+        return np.array([
+            (cold - mu) / (cold - hot) if abs(cold - hot) >= APART * abs(cold) else np.nan for (cold, hot), mu in ends
+        ])  # fmt: skip
+
+    def as_dict(self) -> dict:
+        """Numbers for JSON; lengths in m, speeds in m/s, temperatures in degC."""
+        rows = []
+        each = zip(self.slips, self.kernel, self.to_hot, self.chatter, strict=True)
+        for i, (slip, (path, T), way, chatter) in enumerate(each):
+            rows.append({
+                "slip": float(slip), "slid_m": float(path.slid[-1, 0]), "sheared_m": float(path.shear[-1, 0]),
+                "slip_distance_m": float(slip * self.tread.footprint), "speed_at_exit_m_s": float(path.speed[-1, 0]),
+                "mu_at_exit": float(path.mu[-1, 0]), "from_cold_to_hot": float(way),
+                "T_max_degC": float(T.max() - 273.15),
+                "friction": float(mean_traction(path)[0]), "friction_law": float(mean_traction(self.path)[i]),
+                "law_deviates": deviation(path, self.law), "chatter": bool(chatter),
+            })  # fmt: skip
+        return {
+            "slips": rows,
+            "maximum": {"slip": self.best.at, "friction": self.best.value, "at_edge": self.best.edge,
+                        "at_first": self.best.first, "at_last": self.best.last,
+                        "slip_over_D_per_l": self.best.at * self.tread.footprint / self.spots.diameter},
+            "curve": {"slip": SWEPT.tolist(), "friction": self.friction.tolist(), "chatter": self.rough.tolist()},
+            "steps": len(self.path.time) - 1, "moved_by_twice_the_steps": self.moved,
+            "memory_m": self.law.r0, "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
+        }  # fmt: skip
+
+    def rows(self):
+        """Columns and rows of the paths: law and kernel theory at every slip."""
+        yield "slip,theory,time_s,slid_m,shear_m,speed_m_s,mu,traction"
+        for i, slip in enumerate(self.slips):
+            for name, path, j in (("law", self.path, i), ("kernel", self.kernel[i][0], 0)):
+                shear, slid, speed, mu, traction = (a[:, j] for a in path[1:])
+                for row in zip(path.time, slid, shear, speed, mu, traction, strict=True):
+                    yield f"{slip:g},{name}," + ",".join(f"{x:.8g}" for x in row)
+
+
+def roll(
+    tread: Tread, law: Law, theory: Theory, rubber: Material, spots: Spots, T0: float, slips, watch=None
+) -> Rolled:
+    """A tread block (Rolled) through its footprint at every slip, with the law and with the kernel theory.
+
+    `watch(done, total)` is told about every slip.  Raises SolverFailure.
+    """
+    slips = np.asarray(slips, dtype=float)
+    path, moved = settled(tread, law, slips, FEW, MOST)
+    kernel = []
+    for n, slip in enumerate(slips):
+        kernel.append(remembering(tread, theory, rubber, spots, T0, slip, len(path.time) - 1))
+        if watch:
+            watch(n + 1, len(slips))
+    swept, _ = settled(tread, law, SWEPT, STEPS, FINEST)
+    friction = mean_traction(swept)
+    return Rolled(
+        tread, law, spots, T0, slips, path, tuple(kernel), friction, highest(SWEPT, friction),
+        chatters(swept, tread.speed * SWEPT), moved,
+    )  # fmt: skip

@@ -1,0 +1,206 @@
+"""Side force of a tyre: the cold-hot law over an elliptic footprint, with rigid bristles or bristles that shear.
+
+A line of the footprint at y has the length l(y) = l0 sqrt(1 - (2y/b)^2), l0 = 4F/(pi p b).  At a slip angle a the road
+pulls every bristle sideways with v_R tan(a).  Rigid bristles slide over l tan(a) at that speed and (V24)
+
+    <mu> = mu_hot + (mu_cold - mu_hot) (r0/ls)(1 - exp(-ls/r0)),    ls = l(y) tan(a), weighted by l(y)
+
+>>> import numpy as np
+>>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
+>>> cold, hot = (Branch(np.array([1e-3, 99.0]), np.array(2 * [mu]), np.zeros(2), np.zeros(2)) for mu in (1.0, 0.5))
+>>> tyre = Tyre(speed=27.0, width=0.14, pressure=3e5)
+>>> print(f"{1e3 * tyre.length(3000.0):.1f} mm", rigid(tyre, Law(cold, hot, 2e-3), [3000.0], [2.0]).round(4))
+90.9 mm [[0.7772]]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize_scalar
+
+from flashtemp.physics.friction.cold_hot_law import Law
+from flashtemp.physics.friction.curve_peak import Peak, highest
+from flashtemp.physics.friction.tread_block import Path, Tread, chatters, through
+
+LINES = 96  # Gauss points across the footprint
+STEPS = 1000  # through the longest line of it
+CONTROLS = ("cold", "hot")  # the law with both branches alike
+LAWS = ("law", *CONTROLS)
+MODELS = ("rigid", "brush")
+FALLS = 1e-3  # share of side force over load, above which it falls
+
+
+@dataclass(frozen=True)
+class Tyre:
+    """Rolling `speed` m/s, `width` b of the footprint m, its `pressure` Pa, the same everywhere and at every load."""
+
+    speed: float
+    width: float
+    pressure: float
+
+    def length(self, load):
+        """Longest line l0 (m) of the footprint at a load (N)."""
+        return 4.0 * np.asarray(load) / (np.pi * self.pressure * self.width)
+
+    def pull(self, angles):
+        """Speed (m/s) at which the road moves sideways under the tyre at slip angles (deg)."""
+        return self.speed * np.tan(np.radians(angles))
+
+    def lines(self, load) -> tuple[np.ndarray, np.ndarray]:
+        """Lengths (LINES,) m of lines across the footprint and the widths (m) they stand for."""
+        cos, weight = _across()
+        return self.length(load) * cos, self.width * weight
+
+
+@cache
+def _across() -> tuple[np.ndarray, np.ndarray]:
+    """l/l0 at Gauss points of the angle whose sine is 2y/b, which makes the ends smooth, and shares of the width."""
+    x, w = np.polynomial.legendre.leggauss(LINES)
+    cos = np.cos(0.25 * np.pi * (x + 1))  # both halves are alike
+    return cos, 0.25 * np.pi * w * cos
+
+
+def rigid(tyre: Tyre, law: Law, loads, angles) -> np.ndarray:
+    """Side force over load (n_loads, n_angles) with rigid bristles, V24; loads N, slip angles deg > 0."""
+    angles = np.asarray(angles, dtype=float)
+    cold, hot = law.ends(tyre.pull(angles))
+    out = []
+    for load in loads:
+        length, width = tyre.lines(load)
+        x = np.multiply.outer(length, np.tan(np.radians(angles))) / law.r0
+        mean = hot + (cold - hot) * -np.expm1(-x) / x
+        out.append((width * length) @ mean / (width @ length))
+    return np.array(out)
+
+
+def rigid_peak(tyre: Tyre, law: Law, load: float, angles) -> Peak:
+    """Highest point of `rigid` between the lowest and the highest of some slip angles (deg), which also bracket it."""
+    angles = np.asarray(angles, dtype=float)
+    i = int(np.argmax(rigid(tyre, law, [load], angles)[0]))
+    if i in (0, len(angles) - 1):
+        value = float(rigid(tyre, law, [load], angles[[i]])[0, 0])
+        return Peak(float(angles[i]), value, i == 0, i == len(angles) - 1)
+    found = minimize_scalar(
+        lambda a: -rigid(tyre, law, [load], [a])[0, 0], bounds=(angles[i - 1], angles[i + 1]), method="bounded",
+        options={"xatol": 1e-7},
+    )  # fmt: skip
+    return Peak(float(found.x), float(-found.fun))
+
+
+def bristle(tyre: Tyre, loads, stiffness: float, mass: float) -> Tread:
+    """What every bristle is (Pa/m, kg/m2), on its way through the longest line of all loads (N)."""
+    return Tread(tyre.speed, float(np.max(tyre.length(loads))), stiffness, mass, tyre.pressure)
+
+
+def brush(tyre: Tyre, law: Law, loads, angles, stiffness: float, mass: float, steps: int = STEPS):
+    """Side force over load (n_loads, n_angles) of bristles that shear, and the path (Path) of a bristle at every angle.
+
+    All bristles at one angle share one path, which short lines leave early.  Raises SolverFailure.
+    """
+    tread = bristle(tyre, loads, stiffness, mass)
+    path = through(tread, law, np.tan(np.radians(np.asarray(angles, dtype=float))), steps)
+    force = _force(tread, path)
+    out = []
+    for load in loads:
+        length, width = tyre.lines(load)
+        out.append(width @ force(length / tyre.speed) / load)
+    return np.array(out), path
+
+
+def _force(tread: Tread, path: Path) -> CubicHermiteSpline:
+    """Side force per width (N/m) of a line that a bristle takes t (s) to pass: int k_t u v_R dt."""
+    rate = tread.stiffness * tread.speed * path.shear
+    dt = path.time[1]
+    bend = np.gradient(rate, dt, axis=0)
+    parts = 0.5 * dt * (rate[1:] + rate[:-1]) - dt * dt / 12 * (bend[1:] - bend[:-1])
+    return CubicHermiteSpline(path.time, np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)]), rate)
+
+
+@dataclass(frozen=True, eq=False)
+class Cornering:
+    """Side force over load (n_loads, n_angles) of every model and law in `curves`, their highest points in `peaks`.
+
+    Keys are (model, law): "rigid" or "brush"; "law", or the controls "cold" and "hot".  `loads` N, `angles` deg, T0 K.
+    """
+
+    tyre: Tyre
+    law: Law
+    bristle: Tread
+    T0: float
+    loads: np.ndarray
+    angles: np.ndarray
+    curves: dict[tuple[str, str], np.ndarray]
+    peaks: dict[tuple[str, str], tuple[Peak, ...]]
+    chatter: bool
+
+    def fall(self, model: str, law: str = "law") -> float:
+        """Share of the highest side force over load that is lost from the lowest to the highest load."""
+        order = np.argsort(self.loads)
+        first, last = (self.peaks[model, law][i].value for i in (order[0], order[-1]))
+        return 1.0 - last / first
+
+    def falls(self, model: str) -> bool:
+        """Whether the law's highest side force over load falls with load at all."""
+        return self.fall(model) > FALLS
+
+    def sound(self, model: str) -> bool:
+        """Whether no control falls with load: then a fall of the law comes from the flash temperature alone."""
+        return all(self.fall(model, control) <= FALLS for control in CONTROLS)
+
+    def as_dict(self) -> dict:
+        """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
+        maxima = [
+            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge,
+             "at_first": p.first, "at_last": p.last}
+            for (model, law), peaks in self.peaks.items()
+            for load, p in zip(self.loads, peaks, strict=True)
+        ]  # fmt: skip
+        return {
+            "maxima": maxima,
+            "fall": {model: self.fall(model) for model in MODELS},
+            "fall_of_controls": {f"{m}, both {c}": self.fall(m, c) for m in MODELS for c in CONTROLS},
+            "controls_hold": all(map(self.sound, MODELS)),
+            "footprint_length_m": [float(self.tyre.length(load)) for load in self.loads],
+            "memory_m": self.law.r0,
+            "ringing": self.ringing,
+            "chatter": self.chatter,
+            "curves": {f"{m}, {c}": v.tolist() for (m, c), v in self.curves.items()},
+            "angles_deg": self.angles.tolist(),
+            "loads_N": self.loads.tolist(),
+        }
+
+    @property
+    def ringing(self) -> float:
+        """Period of a bristle's ringing over the contact time of the shortest footprint."""
+        return self.bristle.ringing * self.bristle.footprint / float(self.tyre.length(self.loads.min()))
+
+    def rows(self):
+        """Columns and rows of the curves."""
+        names = list(self.curves)
+        yield "load_N,angle_deg," + ",".join("_".join(n) for n in names)
+        for i, load in enumerate(self.loads):
+            for j, angle in enumerate(self.angles):
+                yield f"{load:g},{angle:g}," + ",".join(f"{self.curves[n][i, j]:.8g}" for n in names)
+
+
+def corner(tyre: Tyre, law: Law, loads, angles, stiffness: float, mass: float, T0: float, watch=None) -> Cornering:
+    """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
+
+    `watch(done, total)` is told about every law.  Raises SolverFailure.
+    """
+    loads, angles = np.sort(np.asarray(loads, dtype=float)), np.sort(np.asarray(angles, dtype=float))
+    curves, peaks, chatter = {}, {}, False
+    for n, name in enumerate(LAWS):
+        one = law if name == "law" else law.alike(name)
+        curves["rigid", name] = rigid(tyre, one, loads, angles)
+        peaks["rigid", name] = tuple(rigid_peak(tyre, one, load, angles) for load in loads)
+        curves["brush", name], path = brush(tyre, one, loads, angles, stiffness, mass)
+        peaks["brush", name] = tuple(highest(angles, mu) for mu in curves["brush", name])
+        chatter |= bool(chatters(path, tyre.pull(angles)).any())
+        if watch:
+            watch(n + 1, len(LAWS))
+    return Cornering(tyre, law, bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter)

@@ -1,0 +1,80 @@
+"""How far to trust a case: observed order of accuracy and error estimate by refining it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from flashtemp.model import case as cases
+from flashtemp.model import schema
+from flashtemp.solver.march import march
+from flashtemp.solver.run import Run
+
+QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Answer of `converge`: values per level and, per quantity, order and error of the case itself.
+
+    `cells` and `values` (levels, quantities) from coarse to fine, the case being the middle one;
+    `order` observed order (nan where the differences do not shrink), `space` and `time` estimated
+    errors of the case in the quantity's unit, `profile_percent` of T(x) against the finest level.
+    """
+
+    cells: list[int]
+    values: list[list[float]]
+    order: list[float]
+    space: list[float]
+    time: list[float]
+    profile_percent: float
+
+    def as_dict(self) -> dict:
+        """For --json."""
+        return {"quantities": list(QUANTITIES), **asdict(self)}
+
+
+def numbers(run: Run) -> np.ndarray:
+    """The quantities that are watched: rises (K) at fixed places and mean friction."""
+    T = run.T_block[run.last] - run.ambient_degC
+    L = run.mesh.x[run.mesh.last]
+    mu = run.friction_per_repetition
+    return np.array([run.at_x(T, 0.02 * L), run.at_x(T, 0.5 * L), run.at_x(T, 0.98 * L), float(np.mean(mu))])
+
+
+def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:
+    """Run a case on half, its own and twice the cells per direction, and once at rtol/10.
+
+    Richardson's estimate on three levels; roads and blocks are refined on the same smooth map.
+    """
+    scene, numerics = cases.build(case), cases.settings(case)
+    level = schema.refinement(case["numerics.mesh"])
+    tight = replace(numerics, rtol=numerics.rtol / 10, profiles=4, fields=2)
+    runs = []
+    for factor in (0.5, 1.0, 2.0):
+        watch(f"mesh x {factor:g}")
+        finer = replace(case, values=case.values | {"numerics": case.values["numerics"] | {"mesh": level * factor}})
+        runs.append(march(cases.build(finer), tight))
+    watch("own tolerance")
+    own = march(scene, replace(numerics, profiles=4, fields=2))
+    values = np.array([numbers(r) for r in runs])
+    coarse, fine = values[1] - values[0], values[2] - values[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        order = np.log2(np.abs(coarse / fine))
+    order = np.where(np.isfinite(order) & (np.abs(fine) > 1e-12), order, np.nan)
+    gain = 2 ** np.clip(np.nan_to_num(order, nan=1.0), 0.5, 3.0)
+    space = np.abs(fine) * gain / (gain - 1)
+    last = [r.T_block[r.last] for r in runs]
+    reference = np.interp(runs[1].x, runs[2].x, last[2])
+    scale = max(np.abs(reference - runs[1].ambient_degC).max(), 1e-300)
+    inner = slice(2, -2)
+    return Convergence(
+        cells=[r.mesh.n_cells for r in runs],
+        values=values.tolist(),
+        order=order.tolist(),
+        space=space.tolist(),
+        time=np.abs(numbers(own) - values[1]).tolist(),
+        profile_percent=float(100 * np.abs(last[1] - reference)[inner].max() / scale),
+    )

@@ -1,0 +1,239 @@
+"""One job from case to result folder: whole or absent, resumable, re-runnable from what it holds."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from flashtemp.errors import BadInput, Interrupted
+from flashtemp.model import case as cases
+from flashtemp.runs import vtk
+from flashtemp.runs.folders import partial
+from flashtemp.runs.stopping import stoppable
+from flashtemp.solver.field_store import Frames
+from flashtemp.solver.march import Progress, march
+from flashtemp.solver.run import Run
+
+CHECKPOINT, FRAMES, LOCK = "checkpoint.h5", "frames.bin", ".lock"
+EVERY = 30.0  # s of wall time between checkpoints
+Draw = Callable[[Run, Path, bool, Callable[[str], None]], None]  # pictures of a run into a folder, animated or not
+
+
+def simulate(
+    case: cases.Case,
+    out: Path | None = None,
+    overwrite: bool = False,
+    pvd: bool = False,
+    watch: Callable[[Progress, float], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+    draw: Draw = lambda run, folder, animated, say: None,
+) -> Run:
+    """March a case and, with `out`, leave a whole result folder there.
+
+    `watch(progress, end)` is told about every step, `draw` makes the pictures.  Raises BadInput when `out` exists,
+    Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
+    """
+    scene, numerics = cases.build(case), cases.settings(case)
+    if out is None:
+        return march(scene, numerics, case.title, None, _watcher(None, scene, watch))
+    out = Path(out)
+    _may_write(out, overwrite)
+    work = partial(out)
+    with _hold(work):
+        if (work / CHECKPOINT).exists() and not overwrite:
+            hint = f"go on with 'flashtemp run --resume {out}' or --overwrite"
+            raise BadInput(f"--out: {work} holds an interrupted run; {hint}")
+        _clear(work)
+        try:
+            (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
+            return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say, draw)
+        except Interrupted:
+            raise
+        except BaseException:
+            shutil.rmtree(work, ignore_errors=True)
+            raise
+
+
+def _may_write(out: Path, overwrite: bool) -> None:
+    """BadInput unless `out` is free, or an earlier result that may be replaced."""
+    if out.exists():
+        if not overwrite:
+            raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
+        if not (out / "summary.json").is_file() or not (out / "run.nc").is_file():
+            raise BadInput(f"--out: {out} is no result of flashtemp and will not be overwritten; choose another folder")
+    try:
+        partial(out).mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
+
+
+@contextmanager
+def _hold(work: Path):
+    """Keep other runs out of a folder that is being written."""
+    import fcntl
+
+    with (work / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as fault:
+            raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
+        yield
+
+
+def _clear(work: Path) -> None:
+    """Remove what an earlier run left half-written."""
+    for path in work.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name != LOCK:
+            path.unlink()
+
+
+def resume(
+    folder: Path,
+    pvd: bool = False,
+    watch: Callable[[Progress, float], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+    draw: Draw = lambda run, folder, animated, say: None,
+) -> Run:
+    """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1."""
+    folder = Path(folder)
+    out = folder.with_name(folder.name.removesuffix(".partial"))
+    work = partial(out)
+    if not (work / CHECKPOINT).is_file():
+        what = "it is already whole" if (out / "run.nc").exists() else f"no {CHECKPOINT} in {work}"
+        raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
+    with _hold(work):
+        case = cases.load(work)
+        scene, state = cases.build(case), load_checkpoint(work)
+        return _carry_out(case, scene, cases.settings(case), state, work, out, pvd, watch, say, draw)
+
+
+def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -> Run:
+    with stoppable() as stopped:
+        state = state or Progress(frames=Frames(work / FRAMES))
+        box: dict[str, Progress] = {}
+        try:
+            run = march(scene, numerics, case.title, state, _watcher(work, scene, watch, stopped, box))
+        except KeyboardInterrupt:
+            save_checkpoint(work, box["progress"])
+            raise Interrupted(work, f"flashtemp run --resume {out}") from None
+        text = (work / "case.toml").read_text(encoding="utf-8")
+        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
+        about = {"versions": versions(numerics.binding)} | ({"remarks": remarks} if remarks else {})
+        run = replace(run, case_text=text, statistics=run.statistics | about)
+        for a in scene.acting:
+            a.effect.leave(scene, a.p, work)
+        run.save(work)
+        if case["output.vtk"]:
+            say("writing fields.vtkhdf")
+            vtk.write(run, work / "fields.vtkhdf")
+        if pvd:
+            vtk.write_pvd(run, work / "pvd")
+        if case["output.pictures"]:
+            draw(run, work, case["output.animation"], say)
+        for name in (CHECKPOINT, FRAMES):  # fields that the run still shows stay open until it is gone
+            (work / name).unlink(missing_ok=True)
+        old = out.with_name(out.name + ".old")
+        if out.exists():
+            out.rename(old)
+        (work / LOCK).unlink()
+        work.rename(out)
+        shutil.rmtree(old, ignore_errors=True)
+    return run
+
+
+def _watcher(work, scene, watch, stopped=None, box=None):
+    """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
+    end, last = scene.schedule.end, time.monotonic()
+
+    def hook(progress: Progress) -> bool:
+        nonlocal last
+        if box is not None:
+            box["progress"] = progress
+        if watch is not None:
+            watch(progress, end)
+        if work is not None and time.monotonic() - last > EVERY:
+            save_checkpoint(work, progress)
+            last = time.monotonic()
+        return stopped is not None and stopped.is_set()
+
+    return hook
+
+
+def save_checkpoint(work: Path, p: Progress) -> None:
+    """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
+    fresh = work / (CHECKPOINT + ".new")
+    with vtk.in_memory(fresh) as file:
+        file.attrs.update(
+            {
+                "t": p.t,
+                "phase": p.phase,
+                "steps": p.steps,
+                "wall": p.wall,
+                "frames": len(p.frames),
+                "case": _fingerprint(work),
+                **{f"calls_{k}": v for k, v in p.calls.items()},
+            }
+        )
+        file["y"], file["left"] = p.y, p.left
+        for name, values in p.records.items():
+            data = np.array(values, dtype=object if name == "ledger" else None)
+            file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
+        if p.track is not None:
+            for name in ("place", "time", "mean", "lane"):
+                file[f"track/{name}"] = np.array(getattr(p.track, name))
+    fresh.replace(work / CHECKPOINT)
+
+
+def load_checkpoint(work: Path) -> Progress:
+    """The Progress of a checkpoint; BadInput when it is damaged or its case was changed meanwhile."""
+    try:
+        with h5py.File(work / CHECKPOINT) as file:
+            if file.attrs["case"] != _fingerprint(work):
+                raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
+            return _progress(file, work)
+    except (OSError, KeyError) as fault:
+        raise BadInput(f"--resume: {work / CHECKPOINT} is damaged ({fault}); start the run anew") from fault
+
+
+def _fingerprint(work: Path) -> str:
+    return hashlib.sha256((work / "case.toml").read_bytes()).hexdigest()
+
+
+def _progress(file, work: Path) -> Progress:
+    """The track's columns are put back when the march rebuilds it."""
+    a = file.attrs
+    records = {k: list(v[:]) for k, v in file["records"].items()}
+    records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
+    columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
+    return Progress(
+        t=float(a["t"]),
+        phase=int(a["phase"]),
+        y=file["y"][:],
+        records=records,
+        frames=Frames(work / FRAMES, int(a["frames"])),
+        steps=int(a["steps"]),
+        calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
+        wall=float(a["wall"]),
+        left=file["left"][:],
+        columns=columns,
+    )
+
+
+def versions(binding: str) -> dict[str, str]:
+    """Versions of everything that had a hand in the result."""
+    import platform
+    from importlib.metadata import version
+
+    package = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}[binding]
+    names = ("flashtemp", "numpy", "scipy", "numba", package)
+    return {"python": platform.python_version(), **{n: version(n) for n in names}}

@@ -1,0 +1,241 @@
+"""Which process makes friction depend on the load?  Each switched on alone, and off while the others act.
+
+Five candidates (the source paper's question): saturation of the contact, non-linear viscoelasticity, skewness of the
+roughness, adhesion that enlarges the contact, and frictional heating.  The first four act on the theory of friction,
+heating on the temperatures that the solver finds.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import FlashtempError, SolverFailure
+from flashtemp.model import case as cases
+from flashtemp.model.scene import Acting, Scene
+from flashtemp.model.theories import theory_of
+from flashtemp.runs.workers import stream
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.march import march
+from flashtemp.solver.system import Stage
+
+NOTHING = 0.01  # change of friction over the loads below which nothing needs a cause
+PRESSURES, SPEEDS = (5e4, 1e5, 2e5, 3e5), (0.1, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process with the key of the theory's table that switches it: its value off, and a typical one where it acts."""
+
+    name: str
+    words: str
+    key: str | None
+    off: Any = None
+    on: Any = None
+
+
+HEATING = "heating"
+PROCESSES = (
+    Process("saturation", "the contact saturates", "saturation", False, True),
+    Process("softening", "filled rubber softens with strain", "payne_rest", 1.0, 0.4),
+    Process("skewness", "the road's tops are flattened", "flattened", 1.0, 0.838166),
+    Process("adhesion", "adhesion pulls rubber into contact", "work_of_adhesion", 0.0, 0.05),
+    Process(HEATING, "friction heats the contact", None),
+)
+NAMES = tuple(p.name for p in PROCESSES)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One point: a case, and whether heating is to be left out of it."""
+
+    case: cases.Case
+    cold: bool
+
+
+def friction_of(asked: Asked) -> float:
+    """Load-weighted friction at the end of the last repetition; without heating all is at the ambient temperature."""
+    scene = cases.build(asked.case)
+    if not asked.cold:
+        run = march(scene, cases.settings(asked.case), asked.case.title)
+        return float(run.friction[run.last])
+    phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
+    stage = Stage(Balance(scene), phase)
+    now, y = stage.moment(phase.end), stage.b.initial()
+    state, press, *_ = stage.meet(now, y)
+    T = np.full(len(press.pressure), now.ambient)
+    mu = stage.b.laws("friction.mu", 0.0, T, stage.footprint.at(state, now)._replace(face=T)) + 0.0 * T
+    load = press.pressure * scene.mesh.column_area
+    return float(mu @ load / load.sum())
+
+
+@dataclass(frozen=True)
+class Loads:
+    """mu over speeds (m/s) and nominal pressures (Pa): arrays (speeds, pressures) by what acts.
+
+    `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried with
+    typical values.  `every` is the case itself, `none` without any; `alone` {process: mu} with that process only,
+    `beside` {process: mu} what it is held against: for those that act the case without it, for the others the case with
+    it; `other` heating alone under the other law of the contact fraction, which is `law`.
+    """
+
+    title: str
+    pressure: np.ndarray
+    speed: np.ndarray
+    acting: tuple[str, ...]
+    values: dict[str, Any]
+    none: np.ndarray
+    every: np.ndarray
+    alone: dict[str, np.ndarray]
+    beside: dict[str, np.ndarray]
+    other: np.ndarray
+    law: str
+
+    def change(self, mu: np.ndarray) -> np.ndarray:
+        """Change of ln mu (speeds,) from the lowest to the highest load."""
+        return np.log(mu[:, -1] / mu[:, 0])
+
+    def shares(self) -> dict[str, np.ndarray]:
+        """What each process changes in ln mu (speeds,): mean of its effect alone and of its effect on the case."""
+        return self._shares(self.change)
+
+    def local(self) -> dict[str, np.ndarray]:
+        """The same (speeds, pressures - 1), from each load to the next."""
+        return self._shares(lambda mu: np.diff(np.log(mu), axis=1))
+
+    def _shares(self, change) -> dict[str, np.ndarray]:
+        out = {}
+        for n in NAMES:
+            on_case = change(self.every) - change(self.beside[n])
+            own = change(self.alone[n]) - change(self.none)
+            out[n] = 0.5 * (own + (on_case if n in self.acting else -on_case))
+        return out
+
+    @property
+    def leading(self) -> str | None:
+        """The process of the case that changes most over all speeds; None where the load does not matter."""
+        if np.max(np.abs(self.change(self.every))) < NOTHING:
+            return None
+        return max(self.acting, key=lambda n: float(np.abs(self.shares()[n]).mean()))
+
+    def as_dict(self) -> dict:
+        """For --json."""
+        plain = {k: getattr(self, k).tolist() for k in ("none", "every", "other")}
+        sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "beside")}
+        return {
+            "title": self.title, "pressure_Pa": self.pressure.tolist(), "speed_m_s": self.speed.tolist(),
+            "contact_fraction": self.law, "leading": self.leading, "acting": list(self.acting), "values": self.values,
+            "ln_change": self.change(self.every).tolist(),
+            "ln_shares": {n: v.tolist() for n, v in self.shares().items()},
+            "ln_shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
+            "words": {p.name: p.words for p in PROCESSES}, "mu": plain | sets,
+        }  # fmt: skip
+
+    def save(self, file: Path) -> None:
+        """A CSV row per speed and pressure."""
+        columns = {"case": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
+        columns |= {f"{n}_alone": v for n, v in self.alone.items()}
+        columns |= {f"case_{'without' if n in self.acting else 'with'}_{n}": v for n, v in self.beside.items()}
+        with Path(file).open("w", newline="") as out:
+            rows = csv.writer(out)
+            rows.writerow(["speed_m_s", "pressure_Pa", *(f"mu_{name}" for name in columns)])
+            for i, v in enumerate(self.speed):
+                for j, p in enumerate(self.pressure):
+                    rows.writerow([f"{v:g}", f"{p:g}", *(f"{values[i, j]:.6f}" for values in columns.values())])
+
+    def __str__(self) -> str:
+        low, high = self.pressure[0] / 1e6, self.pressure[-1] / 1e6
+        lines = [f"Friction over load '{self.title}', {low:g} to {high:g} MPa; contact fraction {self.law}"]
+        shares = self.shares()
+        for i, v in enumerate(self.speed):
+            parts = ", ".join(f"{n} {_percent(shares[n][i])}" for n in self.acting)
+            rest = self.change(self.every)[i] - sum(shares[n][i] for n in self.acting)
+            change = f"{self.every[i, 0]:.3f} -> {self.every[i, -1]:.3f} ({_percent(self.change(self.every)[i])})"
+            lines.append(f"  {v:g} m/s: mu {change}: {parts}; together {_percent(rest)} more")
+        if self.leading is None:
+            lines.append(f"  Nothing makes friction depend on the load by {100 * NOTHING:g} % here.")
+        else:
+            words = next(p.words for p in PROCESSES if p.name == self.leading)
+            lines.append(f"  Mostly because {words} ({self.leading}).")
+        here, there = (", ".join(map(_percent, self.change(mu))) for mu in (self.alone[HEATING], self.other))
+        lines.append(f"  Heating alone: {here}; with the other contact fraction: {there}.  That law is a choice.")
+        for p in PROCESSES:
+            if p.name not in self.acting:
+                found = ", ".join(map(_percent, shares[p.name]))
+                lines.append(f"  Not in the case: if {p.words} ({p.key} = {self.values[p.name]}), {found}.")
+        return "\n".join(lines)
+
+
+def _percent(change: float) -> str:
+    return f"{100 * math.expm1(change):+.1f} %"
+
+
+def attribute(
+    case: cases.Case, pressures=PRESSURES, speeds=SPEEDS, workers: int | None = None,
+    watch: Callable[[int, int], Any] = lambda done, total: None,
+) -> Loads:  # fmt: skip
+    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every process alone, and the case without it.
+
+    A process that the case does not have is tried with a typical value, alone and beside the case.
+    Raises BadInput where the case has no theory of friction, SolverFailure where a run fails.
+    """
+    scene, effect = theory_of(case)
+    table = effect.name
+    given = {p.name: case[f"{table}.{p.key}"] for p in PROCESSES if p.key}
+    acting = tuple(p.name for p in PROCESSES if not p.key or given[p.name] != p.off)
+    on = {p.name: given[p.name] if p.name in acting else p.on for p in PROCESSES if p.key}
+
+    def switched(names) -> tuple[dict[str, Any], bool]:
+        keys = {f"{table}.{p.key}": on[p.name] if p.name in names else p.off for p in PROCESSES if p.key}
+        return keys, HEATING in names
+
+    def beside(name: str) -> tuple[str, ...]:
+        return tuple(n for n in acting if n != name) if name in acting else (*acting, name)
+
+    sets = {"none": switched(()), "every": switched(acting)}
+    sets |= {f"alone {n}": switched((n,)) for n in NAMES} | {f"beside {n}": switched(beside(n)) for n in NAMES}
+    sets["other"] = switched((HEATING,))[0] | _other_law(case, scene, effect), True
+    asked = []
+    for overrides, heated in sets.values():
+        for v in speeds:
+            for p in pressures:
+                point = cases.load_with(case, overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
+                asked.append(Asked(point, not heated))
+    found = np.empty(len(asked))
+    for done, (k, answer) in enumerate(stream(friction_of, asked, workers), 1):
+        if isinstance(answer, FlashtempError):
+            at = asked[k].case
+            raise SolverFailure(f"at {at['schedule.speed']:g} m/s, {at['contact.pressure']:g} Pa: {answer}")
+        found[k] = answer
+        watch(done, len(asked))
+    mu = dict(zip(sets, found.reshape(len(sets), len(speeds), len(pressures)), strict=True))
+    return Loads(
+        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), acting, on, mu["none"],
+        mu["every"], {n: mu[f"alone {n}"] for n in NAMES}, {n: mu[f"beside {n}"] for n in NAMES}, mu["other"],
+        _law(case, effect),
+    )  # fmt: skip
+
+
+def _law(case: cases.Case, acting: Acting) -> str:
+    """The law of the contact fraction in words."""
+    if acting.p.spots == "theory":
+        return "P(2 pi/D) of the theory, about proportional to the load"
+    n = case["contact.spot_exponent"]
+    return "fixed" if n == 0 else f"proportional to the load to the power {n:g}"
+
+
+def _other_law(case: cases.Case, scene: Scene, acting: Acting) -> dict[str, Any]:
+    """Overrides for the other extreme: fixed spots where they grow with the load, growing ones where they are fixed."""
+    if acting.p.spots != "theory" and case["contact.spot_exponent"] == 0:
+        return {f"{acting.name}.spots": "theory"}
+    phi = case["contact.spot_fraction"]
+    if acting.p.spots == "theory":
+        wave = 2 * np.pi / scene.spot_diameter
+        phi = float(acting.p.theory.contact(wave, np.sqrt(np.prod(scene.speeds)), scene.ambient, scene.load))
+    return {f"{acting.name}.spots": "given", "contact.spot_exponent": 0.0, "contact.spot_fraction": phi}

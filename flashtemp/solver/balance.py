@@ -1,0 +1,150 @@
+"""The heat balance C dh/dt = Q of a scene: capacities, resistances, sites and ledger.
+
+The state is the enthalpy rise h of every cell over rho c (K above ambient; the temperature rise
+itself while rho c is constant), the worn depth of every column under the block, and the ledger: energies
+(J per metre across) that the same integrator carries along, so that the audit shares every step.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from flashtemp.errors import SolverFailure
+from flashtemp.model.laws import Laws, laws_mean
+from flashtemp.model.scene import Scene
+from flashtemp.solver import kernels_2d
+from flashtemp.solver.boundary_heat import Sites
+from flashtemp.solver.winkler import Foundation
+
+LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
+NETS = {"friction": 1.0, "into_road": -1.0}  # how entries of the ledger add to the heat in block and road together
+LANES = {"lane_in": 1.0, "lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
+FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
+
+
+class Balance:
+    """Static part: capacities, resistances, sites and ledger of a scene."""
+
+    def __init__(self, scene: Scene):
+        self.scene, mesh = scene, scene.mesh
+        self.laws = Laws(scene)
+        self.n = mesh.n_cells
+        rc, k = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
+        rc[mesh.block], k[mesh.block] = scene.block.volumetric_capacity, scene.block.conductivity
+        rc[mesh.road], k[mesh.road] = scene.road.volumetric_capacity, scene.road.conductivity
+        self.capacity, self.conductivity = rc * mesh.volume, k
+        along = np.where(mesh.level < mesh.n_road, 1.0, self.laws("block.conductivity_along", 1.0, None, None))
+        self.half_x = mesh.width / (2 * k * along * mesh.thickness)
+        self.half_z = mesh.thickness / (2 * k * mesh.width)
+        self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
+        self.ones = np.ones(self.n)
+        one = self.ones[: mesh.n_plane]
+        kernels_2d.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
+        self.g_in = 1.0 / self.half_x[: mesh.n_road]
+        faces = mesh.x[1:]
+        back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
+        self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
+        self.dz_road = mesh.thickness[: mesh.n_road]
+        self.cell_block = mesh.everywhere(mesh.block[:, 0]).ravel()
+        self.cell_road = mesh.everywhere(mesh.road[mesh.first : mesh.last, -1]).ravel()
+        self.half_block = np.full(len(self.cell_block), mesh.height[1] / (2 * scene.block.conductivity))
+        self.half_road = np.full(len(self.cell_road), mesh.depth[1] / (2 * scene.road.conductivity))
+        self._deposits()
+        self.share = self._reference_fraction()
+        self.sites = Sites(scene, self.laws, k)
+        self.ledger = LEDGER + tuple(sorted(self.sites.ledgers() - set(LEDGER)))
+        self.worn = slice(self.n, self.n + len(self.cell_block))
+        self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
+        self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))
+        self.size = self.books.stop
+        self.foundation = Foundation(mesh.column_x, mesh.column_area, scene.length, scene.stiffness)
+        # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
+        self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
+        self.abrades = self.laws.has("block.abrasion")
+
+    def _reference_fraction(self) -> float:
+        """Contact fraction at the highest mean pressure: the constant weight of lanes in the audit.
+
+        Block and lanes close separately, so any constant weight makes a sum that every solve can keep.
+        """
+        schedule, mesh = self.scene.schedule, self.scene.mesh
+        now = self.scene.moment(schedule.phases[0], 0.0)
+        pressure = np.full(len(mesh.column_x), max(schedule.pressure.value))
+        now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=pressure)
+        phi = float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
+        return phi + self.laws("contact.resolved", 0.0, None, now) * (1.0 - phi)
+
+    def _deposits(self) -> None:
+        """Exact cell means of the decaying sources, eq. (7); power beyond the holder is kept."""
+        edges = self.scene.mesh.height
+        parts = [d for d in self.laws.deposits if d.share > 0]
+        self.volumetric = parts
+        self.weight = np.zeros(self.scene.mesh.n_block)
+        for d in parts:
+            inside = -np.diff(np.exp(-edges / d.depth))
+            self.weight += d.share * inside / inside.sum()
+        self.inside = sum(d.share for d in parts)
+        self.weight /= max(self.inside, 1e-300)
+        used = np.flatnonzero(self.weight > 1e-18)
+        self.weight = self.weight[: used[-1] + 1].copy() if len(used) else self.weight[:0].copy()
+        mesh = self.scene.mesh
+        deep = mesh.everywhere(mesh.block[:, : len(self.weight)])
+        self.deep_cells = np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
+
+    @cached_property
+    def nonlinear_conductivity(self) -> bool:
+        return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
+
+    @cached_property
+    def capacity_gradient(self) -> np.ndarray | None:
+        """Slope of rho c with temperature (cells,) in 1/K, or None where it is constant."""
+        if not (self.laws.has("block.capacity_gradient") or self.laws.has("road.capacity_gradient")):
+            return None
+        mesh = self.scene.mesh
+        slope = np.zeros(mesh.n_plane)
+        slope[mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
+        slope[mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
+        return np.repeat(slope, mesh.n_across)
+
+    def counts(self, name: str) -> float:
+        """How an entry of the ledger adds to the heat in block and road together."""
+        return self.share * LANES[name] if name in LANES else NETS.get(name, 1.0)
+
+    def rise(self, h: np.ndarray) -> np.ndarray:
+        """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
+        if self.capacity_gradient is None:
+            return h
+        root = 1 + 2 * self.capacity_gradient * h
+        if not np.min(root.real) > 0:
+            raise SolverFailure("heat capacity fell to zero or below")
+        return 2 * h / (1 + np.sqrt(root))
+
+    def enthalpy(self, rise: np.ndarray) -> np.ndarray:
+        """Inverse of `rise`."""
+        if self.capacity_gradient is None:
+            return rise
+        return rise * (1 + 0.5 * self.capacity_gradient * rise)
+
+    @cached_property
+    def initial_depth(self) -> np.ndarray:
+        """Depth (columns,) in m worn before the first start."""
+        now = self.scene.moment(self.scene.schedule.phases[0], 0.0)
+        return laws_mean(self.laws, "block.worn", self.scene.mesh, now, 0.0)
+
+    def initial(self) -> np.ndarray:
+        """State (size,) before the first start: all at ambient temperature, the block worn as given."""
+        y = np.zeros(self.size)
+        y[self.worn] = self.initial_depth / self.worn_unit
+        return y
+
+    def worn_depth(self, y: np.ndarray) -> np.ndarray:
+        """Worn depth (columns,) in m of a state."""
+        return y[self.worn] * self.worn_unit
+
+    def stored(self, y: np.ndarray) -> tuple[float, float]:
+        """Heat in block and in road lanes above ambient, J per metre across."""
+        mesh = self.scene.mesh
+        E = self.capacity * (mesh.planes(y[: self.n]) @ mesh.share)
+        return float(E[mesh.block].sum()), float(E[mesh.road].sum())

@@ -1,0 +1,160 @@
+"""The interface of Level H: fluxes into rubber and road, eliminated between the two half-cells.
+
+Unknown per depth line is the flux J_R into the rubber per spot area; everything else follows.
+With T_m the rubber temperature inside the spots (theory 1.4 eqs. (9)-(12)):
+    T_m = T_0 + A J_R + c q,          A = phi h_R + R_flash,         c q = flash of the volumetric part
+    J_R = g [(chi r + f h_S) q_a - (T_0 - T_road) - c q],      g = 1/(A + f h_S + r)
+and q = m mu(T_m), m = p v/phi, closes it: one scalar equation per line, solved by Newton.  Of q the share F s(T_m) is
+released in depth (c = s(T_m) `deep`), the rest is q_a.
+Where spots are resolved A = h_R, and block and road are heated through what is covered at the moment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from flashtemp.errors import SolverFailure
+from flashtemp.model.laws import STEP
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """What the contact laws give along the block (lines,), apart from temperature.
+
+    `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
+    `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
+    `lane` factor on the road rise, `split` chi, `inside` share F of the heat released in depth, `deep` flash of
+    those deposits (m2 K/W).
+    """
+
+    m: np.ndarray
+    phi: np.ndarray
+    covered: float
+    pressure: np.ndarray
+    r: np.ndarray
+    flash: np.ndarray
+    lane: np.ndarray
+    split: float
+    inside: float
+    deep: np.ndarray
+    block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
+    road: np.ndarray | float  # that of its road cell: 1 while that is the lane under the spots
+    half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
+
+
+class Fluxes(NamedTuple):
+    """Result of the interface: per spot area W/m2, temperatures in K."""
+
+    into_block: np.ndarray  # J_R
+    into_road: np.ndarray  # J_S
+    heat: np.ndarray  # q, all friction heat per spot area
+    deep: np.ndarray  # its part in depth
+    mu: np.ndarray
+    spot: np.ndarray  # rubber temperature in the spots
+    lane: np.ndarray  # road surface temperature in the lanes
+
+
+class Slopes(NamedTuple):
+    """Derivatives with respect to the block's (0) and the road's (1) first cell temperature."""
+
+    block: tuple[np.ndarray, np.ndarray]  # of J_R
+    road: tuple[np.ndarray, np.ndarray]  # of J_S
+    heat: tuple[np.ndarray, np.ndarray]  # of q
+    deep: tuple[np.ndarray, np.ndarray]  # of its part in depth
+    spot: tuple[np.ndarray, np.ndarray]  # of the temperature in the spots
+    mu: tuple[np.ndarray, np.ndarray]
+
+
+def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, parted, guess=None, slopes=False):
+    """Fluxes (and with `slopes` their derivatives) for first-cell temperatures T0, Ts in K (lines,).
+
+    `under` K is the temperature of the entering road, `half_block`, `half_road` half-cell
+    resistances m2 K/W, `friction(T, face, apart)` the friction coefficient at the temperatures in the spots and of the
+    block's face around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes
+    in these temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
+    """
+    A = state.half * half_block + state.flash
+    fh = state.lane * half_road
+    g = 1.0 / (A + fh + state.r)
+    drop = T0 - under - state.lane * (Ts - under)
+    way = state.split * state.r + fh
+    a, b = T0 - A * g * drop, A * g * way
+    turn = ((1.0 - A * g) * state.deep - b * state.inside) / b  # heat in depth over heat at the face, less 1
+
+    seen = [None, None, None]  # where both laws were asked last, and their answers
+
+    def warming(T, face, apart=False):
+        seen[:] = T, friction(T, face, apart), parted(T, face, apart)
+        return seen[1] * (1.0 + (np.real(turn) if apart else turn) * seen[2])
+
+    if parted is None:
+        law, gain, s = friction, b * (1.0 + turn) * state.m, 1.0
+        T, mu, own = _spot_temperature(a, gain, T0, law, guess)
+    else:
+        law, gain = warming, b * state.m
+        T, _, own = _spot_temperature(a, gain, T0, law, guess)
+        mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(*seen, T)
+    q = state.m * mu
+    deep = state.inside * s * q
+    J = g * (way * (q - deep) - state.deep * s * q - drop)
+    S = q - deep - J
+    lane = under + state.lane * (Ts - under + half_road * S)
+    out = Fluxes(J, S, q, deep, mu, T, lane)
+    if not slopes:
+        return out
+
+    def along(law, own=None):
+        """Derivative of a law of both temperatures along the solution."""
+        own = law(T + 1j * STEP, T0, True).imag / STEP if own is None else own
+        return own * dT[0] + beside(law), own * dT[1]
+
+    def beside(law):
+        return law(T, T0 + 1j * STEP, True).imag / STEP
+
+    rise = 1.0 / (1.0 - gain * own)
+    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g * state.lane)
+    dmu, ds = (along(friction, own), (0.0, 0.0)) if parted is None else (along(friction), along(parted))
+    dq = tuple(state.m * d for d in dmu)
+    dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
+    face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
+    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
+    dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
+    return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), dT, dmu)
+
+
+def _carried(at, mu, s, T):
+    """Both laws at T from their answers at a temperature nearby, asked by a complex step."""
+    return (v.real + v.imag / STEP * (T - np.real(at)) for v in (mu, s))
+
+
+def _spot_temperature(a, b, face, friction, guess):
+    """Solve T = a + b mu(T, face) for every line; derivatives of a, b and face pass through exactly."""
+    T = np.array(np.real(a) if guess is None else guess)
+    derived = any(np.iscomplexobj(v) for v in (a, b, face))
+    for attempt in range(60):
+        value = friction(T + 1j * STEP, np.real(face), True)
+        mu, dmu = value.real, value.imag / STEP
+        if not np.any(dmu):
+            mu = friction(a, face)
+            return a + b * mu, mu, np.zeros_like(np.real(a))
+        slope = 1.0 - b.real * dmu
+        step = (T.real - a.real - b.real * mu) / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
+        if attempt > 15:
+            step = 0.5 * step
+        T = T - step
+        if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
+            if derived:  # one complex step at the solution carries the derivative
+                mu = friction(T, face)
+                turn = (T - a - b * mu) / slope
+                T, mu = T - turn, mu - dmu * turn
+            else:
+                mu = mu + dmu * (-step)
+                T = a + b * mu
+            return T, mu, dmu
+    worst = int(np.argmax(np.abs(step)))
+    raise SolverFailure(
+        f"friction law has no consistent spot temperature on line {worst} near {T[worst] - 273.15:.0f} degC"
+    )

@@ -1,0 +1,168 @@
+"""Everything CVODE: one small integrator seam over scikits-odes and scikit-sundae."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.errors import SolverFailure
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s."""
+
+    rtol: float
+    atol: float
+    order: int = 3
+    max_step: float = 0.0
+
+
+class Integrator:
+    """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
+
+    `system` offers `rate(t, y, out)`, `times(v, out)` for J v, and the preconditioner's
+    `setup(t, y, gamma)` and `solve(r, z)`.  A failing callback's own error is raised, not CVODE's.
+    """
+
+    def __init__(self, binding: str, system, tol: Tolerance):
+        self._fault: Exception | None = None
+        self.steps, self.t = 0, 0.0
+        make = _odes if binding == "scikits-odes" else _sundae
+        parts = (self._guard(f) for f in (system.rate, system.times, system.setup, system.solve))
+        self._start, self._advance, self._interpolate = make(*parts, tol)
+
+    def _guard(self, callback):
+        def call(*args):
+            if self._fault is not None:
+                raise self._fault
+            try:
+                return callback(*args)
+            except Exception as fault:
+                self._fault = fault
+                raise
+
+        return call
+
+    def start(self, t: float, y: np.ndarray, stop: float) -> None:
+        """Begin at (t, y); the integration never passes `stop`."""
+        self.t = t
+        self._start(t, y, stop)
+
+    def step(self) -> tuple[float, np.ndarray]:
+        """One internal step; returns (t, y).  SolverFailure carries CVODE's own reason."""
+        try:
+            t, y, reason = self._advance()
+        except Exception as error:
+            if self._fault is not None:
+                raise self._fault from error
+            raise
+        if self._fault is not None:
+            raise self._fault
+        if reason:
+            raise SolverFailure(reason)
+        if t > self.t:  # after an interpolation CVODE first returns where it stood
+            self.steps += 1
+        self.t = t
+        return t, y
+
+    def at(self, t: float) -> np.ndarray:
+        """Solution at a time within the last step."""
+        return self._interpolate(t)
+
+
+def _odes(rate, times, setup, solve, tol: Tolerance):
+    """scikits-odes: callbacks get copies of CVODE's vectors."""
+    from scikits_odes_sundials.cvode import CVODE, StatusEnum
+
+    def rfn(t, y, ydot):
+        rate(t, y, ydot)
+        return 0
+
+    def psetup(t, y, jok, jcur, gamma):
+        setup(t, y, gamma)
+        jcur.value = True
+        return 0
+
+    def psolve(t, y, r, z, gamma, delta, lr):
+        solve(r, z)
+        return 0
+
+    def jtimes(v, jv, t, y):
+        times(v, jv)
+        return 0
+
+    def make(stop):
+        # the binding keeps tstop in single precision: the next value above never stops short
+        tstop = float(np.nextafter(np.float32(stop), np.float32(np.inf)))
+        return CVODE(
+            rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
+            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
+            max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
+            err_handler=lambda *report: None, tstop=tstop, old_api=False, maxl=20,
+        )  # fmt: skip
+
+    box = {}
+
+    def start(t, y, stop):
+        box["solver"], box["stop"] = make(stop), stop
+        box["solver"].init_step(t, y)
+
+    def advance():
+        out = box["solver"].step(box["stop"])
+        bad = out.flag not in (StatusEnum.SUCCESS, StatusEnum.TSTOP_RETURN)
+        if bad:
+            return 0.0, None, f"CVODE: {out.message or out.flag.name}"
+        if out.values.t >= box["stop"]:
+            return box["stop"], interpolate(box["stop"]), ""
+        return float(out.values.t), np.array(out.values.y), ""
+
+    def interpolate(t):
+        solver = box["solver"]
+        solver.set_options(one_step_compute=False)
+        out = solver.step(t)
+        solver.set_options(one_step_compute=True)
+        return np.array(out.values.y)
+
+    return start, advance, interpolate
+
+
+def _sundae(rate, times, setup, solve, tol: Tolerance):
+    """scikit-sundae: callbacks share CVODE's memory."""
+    from sksundae.cvode import CVODE, CVODEJacTimes, CVODEPrecond
+
+    def rfn(t, y, ydot):
+        rate(t, y, ydot)
+
+    def psetup(t, y, yp, jok, jnew, gamma):
+        setup(t, y, gamma)
+        jnew[0] = 1
+
+    def psolve(t, y, yp, r, z, gamma, delta, lr):
+        solve(r, z)
+
+    def jtimes(t, y, yp, v, jv):
+        times(v, jv)
+
+    box = {}
+
+    def start(t, y, stop):
+        box["stop"] = stop
+        box["solver"] = CVODE(
+            rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
+            precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes),
+            krylov_dim=20, max_num_steps=100000, max_step=tol.max_step,
+        )  # fmt: skip
+        box["solver"].init_step(t, y)
+
+    def advance():
+        out = box["solver"].step(box["stop"], method="onestep", tstop=box["stop"])
+        if not out.success:
+            return 0.0, None, f"CVODE: {out.message}"
+        return float(out.t), np.array(out.y), ""
+
+    def interpolate(t):
+        return np.array(box["solver"].step(t, method="normal", tstop=box["stop"]).y)
+
+    return start, advance, interpolate

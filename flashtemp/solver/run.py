@@ -1,0 +1,225 @@
+"""T(x, t) with everything needed to trust, redraw and repeat it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.meshes.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
+
+    `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
+    `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `T_wake` (n, lines behind it) road
+    surface averaged across y, over lanes and gaps; `friction` (n,) load
+    weighted; `worn` (n, lines) worn depth in m; `tilt` (n,) of the holder in rad, leading edge down;
+    `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
+    `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
+    In 3D profiles are means across y, and `maps` {name: (frames, lines, planes)} resolve them.
+    """
+
+    title: str
+    mesh: Mesh
+    time: np.ndarray
+    repetition: np.ndarray
+    slid: np.ndarray
+    sliding: np.ndarray
+    T_block: np.ndarray
+    T_spot: np.ndarray
+    T_road: np.ndarray
+    T_wake: np.ndarray
+    pressure: np.ndarray
+    friction: np.ndarray
+    worn: np.ndarray
+    tilt: np.ndarray
+    energy: dict[str, np.ndarray]
+    frames: np.ndarray
+    field: np.ndarray
+    ambient_degC: float
+    width: float
+    conductivity: tuple[float, float] = (0.25, 1.0)
+    statistics: dict = field(default_factory=dict)
+    case_text: str = ""
+    maps: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def x(self) -> np.ndarray:
+        """Line centres under the block, m from the leading edge."""
+        return self.mesh.x_block
+
+    @property
+    def x_wake(self) -> np.ndarray:
+        """Line centres behind the block, m from the leading edge."""
+        return self.mesh.x_centre[self.mesh.last :]
+
+    def section(self, frame: int, plane: int | None = None) -> np.ndarray:
+        """Temperatures (n_plane,) degC of a frame in one plane (x, z), the one in the middle if none is given."""
+        cells, n = self.mesh.planes(self.field[frame]), self.mesh.n_across
+        return cells[:, (n - 1) // 2 : n // 2 + 1].mean(axis=1) if plane is None else cells[:, plane]
+
+    @cached_property
+    def last(self) -> int:
+        """Index of the end of the last repetition of sliding."""
+        return int(np.flatnonzero(self.sliding)[-1])
+
+    def at_x(self, values: np.ndarray, x: float) -> float:
+        """A profile (lines,) at a place; the outermost cells are held."""
+        return float(np.interp(x, self.x, values))
+
+    def at_mean(self, values: np.ndarray) -> float:
+        """Mean over the block's length of a profile (lines,)."""
+        return float(values @ self.mesh.dx_block / self.mesh.dx_block.sum())
+
+    @cached_property
+    def worn_volume(self) -> float:
+        """Rubber worn off during the run, m3."""
+        return float((self.worn[-1] - self.worn[0]) @ self.mesh.dx_block) * self.width
+
+    @cached_property
+    def friction_per_repetition(self) -> list[float]:
+        """Load-weighted friction averaged over the slid distance of every repetition."""
+        out = []
+        for r in np.unique(self.repetition[self.sliding]):
+            on = self.sliding & (self.repetition == r) & np.isfinite(self.friction)
+            s, mu = self.slid[on], self.friction[on]
+            span = s[-1] - s[0]
+            out.append(float(np.trapezoid(mu, s) / span) if span > 0 else float(mu[-1]))
+        return out
+
+    @cached_property
+    def budget(self) -> dict[str, float]:
+        """Where the friction heat went, J per metre across: block, road, holder, air."""
+        e = {k: v[-1] for k, v in self.energy.items()}
+        return {
+            "friction": e["friction"],
+            "block": e["block"],
+            "road": e["into_road"],
+            "holder": 0.0 - e.get("holder", 0.0),
+            "air": 0.0 - e.get("air", 0.0),
+        }
+
+    @cached_property
+    def _books(self) -> tuple[float, float, float]:
+        """Heat missing in the block, heat missing in the lanes, all heat that moved (J per metre)."""
+        e = {k: v[-1] for k, v in self.energy.items()}
+        losses = sum(v for k, v in e.items() if k not in NOT_LOSSES)
+        block = e["friction"] - e["into_road"] + losses - e["block"]
+        lanes = e["share"] * (e["lane_in"] - e["lane_out"] + e["lane_air"] - e["lanes"])
+        return block, lanes, max(1e-300, *(abs(v) for k, v in e.items() if k != "share"))
+
+    @cached_property
+    def energy_imbalance(self) -> float:
+        """Heat that appeared or vanished in block and road together, relative to all that moved."""
+        block, lanes, moved = self._books
+        return float(abs(block + lanes) / moved)
+
+    @cached_property
+    def partition_error(self) -> float:
+        """Error of the ledger's split between block and road: falls with rtol, unlike the imbalance."""
+        block, _, moved = self._books
+        return float(abs(block) / moved)
+
+    @cached_property
+    def summary(self) -> dict:
+        """The numbers of summary.json (contract 5.3)."""
+        T = self.T_block[self.last] - self.ambient_degC
+        return {
+            "title": self.title,
+            "T_max_degC": float(max(np.nanmax(self.T_spot), np.nanmax(self.T_block))),
+            "rise_leading_K": float(T[0]),
+            "rise_middle_K": self.at_x(T, 0.5 * self.mesh.x[self.mesh.last]),
+            "rise_trailing_K": float(T[-1]),
+            "friction_per_repetition": self.friction_per_repetition,
+            "energy_imbalance": self.energy_imbalance,
+            "partition_error": self.partition_error,
+            "energy_J": {k: v * self.width for k, v in self.budget.items()},
+            "worn_mean_m": self.at_mean(self.worn[-1]),
+            "worn_leading_m": float(self.worn[-1][0]),
+            "worn_volume_m3": self.worn_volume,
+            "cells": self.mesh.n_cells,
+            **self.statistics,
+        }
+
+    def dataset(self):
+        """The xarray Dataset of run.nc (contract 5.3)."""
+        import xarray as xr
+
+        along = ("time", "x")
+        data = {
+            "T_block": (along, self.T_block, {"units": "degC", "long_name": "block surface, averaged across y"}),
+            "T_spot": (along, self.T_spot, {"units": "degC", "long_name": "in the macroasperity contact regions"}),
+            "T_road": (along, self.T_road, {"units": "degC", "long_name": "road surface in the lanes"}),
+            "T_wake": (
+                ("time", "x_wake"),
+                self.T_wake,
+                {"units": "degC", "long_name": "road surface behind, averaged across y"},
+            ),
+            "pressure": (along, self.pressure, {"units": "Pa", "long_name": "nominal contact pressure"}),
+            "worn": (along, self.worn, {"units": "m", "long_name": "worn depth of the block"}),
+            "tilt": ("time", self.tilt, {"units": "rad", "long_name": "turn of the holder, leading edge down"}),
+            "repetition": ("time", self.repetition, {"units": "1", "long_name": "repetition, 1-based"}),
+            "slid": ("time", self.slid, {"units": "m", "long_name": "distance slid since the first start"}),
+            "sliding": ("time", self.sliding.astype(np.int8), {"units": "1", "long_name": "1 while sliding"}),
+            "friction": ("time", self.friction, {"units": "1", "long_name": "load-weighted friction coefficient"}),
+        }
+        about = {name: data[name][2] for name in ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")}
+        about["cover"] = {"units": "1", "long_name": "covered by macroasperity contact regions"}
+        for name, values in self.maps.items():
+            place = "x_wake" if name == "T_wake" else "x"
+            words = about[name] | {"long_name": about[name]["long_name"].removesuffix(", averaged across y")}
+            data[f"{name}_map"] = (("time_map", place, "y"), values, words)
+        for name, values in self.energy.items():
+            unit = "1" if name == "share" else "J/m"
+            data[f"energy_{name}"] = ("time", values, {"units": unit, "long_name": f"ledger: {name}"})
+        across = {
+            "time_map": ("time_map", self.time[self.frames], {"units": "s", "long_name": "time of the maps"}),
+            "y": ("y", self.mesh.y_centre, {"units": "m", "long_name": "distance from the centre line"}),
+        }
+        return xr.Dataset(
+            data,
+            coords=(across if self.maps else {})
+            | {
+                "time": ("time", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
+                "x": ("x", self.x, {"units": "m", "long_name": "distance from the leading edge"}),
+                "x_wake": ("x_wake", self.x_wake, {"units": "m", "long_name": "place behind the block"}),
+            },
+            attrs={"title": self.title, "ambient_degC": self.ambient_degC, "Conventions": "CF-1.11"},
+        )
+
+    def save(self, folder: Path) -> None:
+        """Write run.nc, summary.json, profiles.csv and, of a worn block, worn.csv into a folder that exists."""
+        ds = self.dataset()
+        ds["time"].encoding["dtype"] = "float64"
+        (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
+        (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n")
+        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
+        k = self.last
+        along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
+        table = np.column_stack([self.x, *(values[k] for values in along)])
+        tables = {"profiles.csv": (head, table)}
+        if self.worn[-1].any():
+            tables["worn.csv"] = ("x_m,worn_m", np.column_stack([self.x, self.worn[-1]]))
+        for name, (head, table) in tables.items():
+            np.savetxt(folder / name, table, delimiter=",", header=head, comments="", fmt="%.8g")
+
+    def __str__(self) -> str:
+        s = self.summary
+        remarks = "".join(f"\n  {remark}" for remark in s.get("remarks", ()))
+        return (
+            f"Run '{self.title}'\n"
+            f"  rise at the block's surface: leading {s['rise_leading_K']:.2f} K, middle {s['rise_middle_K']:.2f} K,"
+            f" trailing {s['rise_trailing_K']:.2f} K; hottest spot {s['T_max_degC']:.1f} degC\n"
+            f"  heat: {100 * s['energy_J']['road'] / max(s['energy_J']['friction'], 1e-300):.1f} % into the road;"
+            f" energy imbalance {s['energy_imbalance']:.1e}\n"
+            f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s{remarks}"
+        )
+
+
+NOT_LOSSES = {"friction", "into_road", "lane_in", "lane_out", "lane_air", "block", "lanes", "share"}

@@ -1,0 +1,104 @@
+"""What was gained: differences before and after, parameters that moved, and recordings that no fit has seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from flashtemp.viz import theme, verdict_parts
+from flashtemp.viz.difference import curves, legend
+
+BEFORE, AFTER = "#D55E00", "#0072B2"
+SIZES = (
+    ("rmse_K", "all that was fitted"),
+    ("mean_map_rmse_K", "means over frames"),
+    ("near_contact_rmse_K", "near the contact"),
+    ("held_out_rmse_K", "held out"),
+)
+SURE = 1.96
+MANY = 16  # parameters
+HELD = 3  # recordings left out that are drawn
+
+
+def sizes(verdict) -> list[tuple[str, float, float]]:
+    """What is compared in K, before and after, as far as both are known."""
+    if verdict.base is None or verdict.extended is None:
+        return []
+    found = [(words, getattr(verdict.base, key), getattr(verdict.extended, key)) for key, words in SIZES]
+    return [f for f in found if np.isfinite(f[1]) and np.isfinite(f[2]) and min(f[1:]) > 0]
+
+
+def moved(verdict) -> list[tuple[str, float, float]]:
+    """Name, change and its standard error in % of the value before, largest first."""
+    found = [(n, 100 * (a - b) / abs(b), 100 * s / abs(b)) for n, b, a, s in verdict.shifts if b]
+    return sorted(found, key=lambda f: -abs(f[1]))[:MANY]
+
+
+def applies(verdict) -> bool:
+    """Whether there is something to compare."""
+    return bool(sizes(verdict) or moved(verdict))
+
+
+@theme.styled
+def draw(verdict) -> Figure:
+    """Differences (K) before and after, parameter shifts (%), and T(x) of recordings that were left out."""
+    first, second = sizes(verdict), moved(verdict)
+    left_out = [p for g in verdict_parts.every(verdict) for p in g if p.before.view.held_out and p.after is not None]
+    left_out = sorted(left_out, key=lambda p: -verdict_parts.difference(p))[:HELD]
+    top = 0.7 + 0.24 * max(len(first), len(second), 4)
+    tall = [top, *([2.3] if left_out else [])]
+    fig = verdict_parts.titled(verdict, verdict_parts.head(verdict, "gained"), verdict_parts.WIDTH, 0.5 + sum(tall))
+    parts = fig.subfigures(len(tall), 1, height_ratios=tall, squeeze=False)[:, 0]
+    panels = [(d, v) for d, v in ((_dumbbells, first), (_shifts, second)) if v]
+    axes = parts[0].subplots(1, len(panels), squeeze=False)[0]
+    for ax, (draw_one, values) in zip(axes, panels, strict=True):
+        draw_one(ax, values)
+    if left_out:
+        _held_out(parts[1], left_out)
+    return fig
+
+
+def _dumbbells(ax, values: list) -> None:
+    """Before and after of every size on a logarithmic axis, with the numbers."""
+    for i, (_, before, after) in enumerate(values):
+        ax.plot([before, after], [i, i], color=theme.WAITING, lw=3, zorder=1)
+        ax.plot(before, i, "s", ms=5, color=BEFORE, label="base" if not i else None)
+        ax.plot(after, i, "o", ms=5.5, color=AFTER, label="extended" if not i else None)
+        words = f"{theme.number(before, 3)} → {theme.number(after, 3)}"
+        ax.annotate(words, (1.0, i), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                    va="center", fontsize=7.0)  # fmt: skip
+    ax.set_xscale("log")
+    some = np.array([v[1:] for v in values])
+    ax.set_xlim(some.min() / 1.4, some.max() * 1.4)
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.number(v, 3)))
+    close = some.max() / some.min() < 4.0
+    ax.xaxis.set_major_locator(LogLocator(subs=range(1, 10) if close else (1, 2, 5), numticks=20))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_yticks(range(len(values)), [v[0] for v in values])
+    ax.set_ylim(len(values) - 0.5, -0.7)
+    ax.set_xlabel("root mean square difference (K)")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2)
+
+
+def _shifts(ax, values: list) -> None:
+    """How far parameters of the base moved once the cause was in the model."""
+    ax.axvline(0.0, color=theme.AMBIENT, lw=0.6)
+    for i, (_, change, error) in enumerate(values):
+        ax.errorbar(change, i, xerr=SURE * error, fmt="o", ms=4, color=AFTER, lw=1.0, capsize=2)
+    ax.set_yticks(range(len(values)), [verdict_parts.name(v[0]) for v in values])
+    ax.set_ylim(len(values) - 0.5, -0.7)
+    reach = [v[1] + s * SURE * v[2] for v in values for s in (1, -1)]
+    ax.set_xlim(theme.span(reach, [0.0], least=1.0, margin=0.08))
+    ax.set_xlabel("parameter moved by (%), bars: 95 %")
+
+
+def _held_out(part, left_out: list) -> None:
+    """T(x) of recordings that no fit has seen."""
+    part.suptitle("recordings that no fit has seen", x=0.01, ha="left", fontsize=8.5)
+    axes = part.subplots(1, len(left_out), squeeze=False)[0]
+    for ax, pair in zip(axes, left_out, strict=True):
+        curves(ax, pair)
+        ax.set_xlabel("x (mm)")
+        ax.set_title(f"{verdict_parts.narrow(pair.words, 42)}\n{ax.get_title(loc='left')}", fontsize=7.0)
+    legend(axes[0], left_out)

@@ -1,0 +1,225 @@
+"""One HTML file about a comparison: verdicts in words, a table, the pictures inside, and how to read them."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.comparison.compare import SURE, Comparison, Pulling, Seeing, conditions, words
+from flashtemp.comparison.noise import Place
+from flashtemp.solver.run import Run
+from flashtemp.viz import html
+
+CLOSE = 1.5  # chi2/dof up to which a difference is about as large as the noise
+UP = {"sidewall": "z", "wake": "y", "profile": ""}
+BODY = {"sidewall": "the block", "wake": "the road", "profile": "the block"}
+READING = (
+    ("Computed", "What the camera would have reported if the model were right: the simulated temperatures seen through"
+     " the camera's own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one"
+     " exception is a small shift of the whole image, one per recording, where the file says how well the image's"
+     " place is known; a shift beyond that is refused."),
+    ("Difference", "Measured minus computed. Red (positive): measured hotter than computed. Blue: colder. RMSE is its"
+     " root mean square, bias its mean."),
+    ("Sigma", "The same difference in units of the noise of one pixel, after the pattern that the camera itself leaves"
+     " in all frames has been allowed for. Noise alone stays within ±2 sigma in 19 of 20 pixels."),
+    ("chi2/dof", "Mean square of the differences in sigma. Near 1: noise explains everything. 4: the differences are"
+     " twice as large as noise. Where the noise was estimated from the data themselves, a value near 1 says less."),
+    ("Whiteness", "Noise is as likely up as down, whatever its neighbour does. The correlation of neighbouring pixels"
+     " and of successive frames tests this; it is given in standard errors, and beyond"
+     f" ±{SURE:g} something is left that noise does not do, even where chi2/dof is near 1."),
+    ("Largest structured difference", "The mean of five by five pixels of one frame that stands out most from noise;"
+     " a square marks it. Among so many places noise alone reaches about 5 sigma."),
+    ("Bands", "Blue bands show what noise alone would do to a mean or a reading, two standard errors to either side;"
+     " red dots lie beyond."),
+)  # fmt: skip
+
+
+def write(comparison: Comparison, path) -> Path:
+    """Write one self-contained HTML file about a comparison, pictures inside; returns its path."""
+    path = Path(path)
+    path.write_text(text(comparison), encoding="utf-8")
+    return path
+
+
+def text(comparison: Comparison) -> str:
+    """The whole text of the HTML file."""
+    title = f"Measured against computed: {comparison.campaign.title}"
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_counted(comparison)}.</p>',
+        "<h2>What was found</h2>",
+        *(_finding(s.view.file, *verdict(s), words(s), _cautions(s)) for s in comparison.seeings),
+        *(_finding(p.force.file, *grip(p), _mu(p), []) for p in comparison.pullings),
+        "<h2>Numbers</h2>",
+        *_tables(comparison),
+        "<h2>Pictures</h2>",
+        *_pictures(comparison),
+        "<h2>How to read this</h2>",
+        html.terms(READING),
+    ]
+    return html.whole(title, body)
+
+
+def _counted(comparison: Comparison) -> str:
+    """How much was compared, and how well the simulations conserve energy."""
+    line = f"{len(comparison.seeings)} recordings, {len(comparison.pullings)} load-cell traces"
+    if comparison.runs:
+        line += f"; energy imbalance of the simulations at most {max(r.energy_imbalance for r in comparison.runs):.1e}"
+    return escape(line)
+
+
+# --- verdicts ---------------------------------------------------------------------------------------
+def verdict(s: Seeing) -> tuple[str, str]:
+    """A recording in one sentence for people, and how good that is: "good", "near" or "bad"."""
+    if not s.pixels:
+        return "Nothing could be compared: no pixel lies well inside what was simulated.", "bad"
+    times = f"{np.sqrt(s.chi2_per_dof):.2g} times"
+    if s.white and s.chi2_per_dof <= CLOSE:
+        return "The model explains this recording: what is left is noise of the camera.", "good"
+    if s.white:
+        return f"What is left has no structure but is {times} the noise: is the noise stated too small?", "near"
+    if s.chi2_per_dof <= CLOSE:
+        return f"The differences are hardly larger than the noise, but not random: {_most(s)}.", "near"
+    return f"The model does not explain this recording; the differences are {times} the noise: {_most(s)}.", "bad"
+
+
+def _most(s: Seeing) -> str:
+    """Where the block or road differs most, in words."""
+    if s.largest is None:
+        return "they are correlated"
+    sign = "hotter" if s.largest.K > 0 else "colder"
+    what = BODY[s.view.recording.view]
+    return f"most of all, {what} is measured {abs(s.largest.K):.2g} K {sign} than computed at {place(s, s.largest)}"
+
+
+def place(s: Seeing, at: Place) -> str:
+    """A place and time of a recording: mm, s."""
+    up = UP[s.view.recording.view]
+    where = f"x = {1e3 * at.u:.3g} mm" + (f", {up} = {1e3 * at.v:.3g} mm" if up else "")
+    return f"{where}, t = {at.time:.4g} s (repetition {at.repetition})"
+
+
+def _cautions(s: Seeing) -> list[str]:
+    """What else a reader of one recording must know."""
+    out = []
+    if s.shift_refused is not None:
+        out.append(
+            f"A shift of the image by {_pair(s.shift_refused)} px would hide part of the difference, but its place is"
+            " stated to be known better: the image was left where it is. Either physics is missing or that statement"
+            " is wrong."
+        )
+    if s.noise.estimated:
+        names = {"white": "of the pixels", "pattern": "that stays in all frames"}
+        what = " and ".join(names[n] for n in s.noise.estimated)
+        out.append(f"The noise {what} is not stated in the file and was estimated from the data.")
+    return out
+
+
+def grip(p: Pulling) -> tuple[str, str]:
+    """A load-cell trace in one sentence for people, and how good that is."""
+    if not np.isfinite(p.bias):
+        return "Nothing could be compared: no reading was taken while the block slides.", "bad"
+    white = all(abs(s) < SURE for _, s in p.correlation.values())
+    if p.chi2_per_dof <= CLOSE:
+        if white:
+            return "The model explains the friction: what is left is noise of the load cell.", "good"
+        return "The friction differs hardly more than the noise, but not at random.", "near"
+    sign = "higher" if p.bias > 0 else "lower"
+    return f"Friction is measured {sign} than computed by {abs(p.bias):.2g} on average.", "bad"
+
+
+def _mu(p: Pulling) -> str:
+    return f"mu differs by {p.rmse:.4f} rms, {p.bias:+.4f} on average, chi2/dof {p.chi2_per_dof:.3g}"
+
+
+def _finding(file: str, sentence: str, grade: str, numbers: str, cautions: list[str]) -> str:
+    """One verdict as a paragraph with a coloured edge."""
+    more = "".join(f'\n<p class="small">{escape(c)}</p>' for c in (numbers, *cautions))
+    return f'<div class="verdict {grade}">\n<p><b>{escape(file)}</b>: {escape(sentence)}</p>{more}\n</div>'
+
+
+# --- tables -----------------------------------------------------------------------------------------
+def _tables(comparison: Comparison) -> list[str]:
+    """Numbers of all recordings and of all load-cell traces."""
+    out = []
+    if comparison.seeings:
+        head = ["recording", "condition", "frames", "RMSE (K)", "bias (K)", "chi2/dof (–)", "white noise (K)",
+                "fixed pattern (K)", "image shift u, v (px)", "correlation of neighbours in sigma",
+                "largest structured difference"]  # fmt: skip
+        out.append(html.table(head, [_row(s) for s in comparison.seeings]))
+    if comparison.pullings:
+        head = ["load cell", "condition", "readings", "RMSE (–)", "bias (–)", "chi2/dof (–)", "noise (–)",
+                "correlation in time in sigma"]  # fmt: skip
+        rows = [
+            [_file(p.force), _given(p.force), str(int(np.isfinite(p.residual).sum())), f"{p.rmse:.4f}",
+             f"{p.bias:+.4f}", f"{p.chi2_per_dof:.3g}",
+             f"{p.sigma:.3g}{'' if p.force.sigma else ' estimated'}", f"{p.correlation['time'][1]:+.1f}"]
+            for p in comparison.pullings
+        ]  # fmt: skip
+        out.append(html.table(head, rows))
+    return out
+
+
+def _row(s: Seeing) -> list[str]:
+    """A recording in the table."""
+    names = {"u": "x", "v": UP[s.view.recording.view], "time": "time"}
+    known = [f"{names[k]} {v[1]:+.1f}" for k, v in s.correlation.items() if names[k]]
+    level = [f"{getattr(s.noise, n):.3g}{' estimated' if n in s.noise.estimated else ''}" for n in ("white", "pattern")]
+    shift = f"{_pair(s.shift)} ± {', '.join(f'{e:.2f}' for e in s.shift_error)}" if any(s.shift_error) else "none"
+    if s.shift_refused is not None:
+        shift = f"none; {_pair(s.shift_refused)} refused"
+    at = s.largest
+    largest = f"{at.K:+.2f} K, {at.sigma:+.0f} sigma at {place(s, at)}" if at else "none"
+    return [
+        _file(s.view), _given(s.view), str(s.view.recording.frames), f"{s.rmse_K:.3f}", f"{s.bias_K:+.3f}",
+        f"{s.chi2_per_dof:.3g}", *level, shift, ", ".join(known), largest,
+    ]  # fmt: skip
+
+
+def _file(entry) -> str:
+    return entry.file + (" (held out)" if entry.held_out else "")
+
+
+def _given(entry) -> str:
+    from flashtemp.viz.residuals import condition
+
+    return condition(entry.given)
+
+
+def _pair(values) -> str:
+    return ", ".join(f"{v:+.2f}" for v in values)
+
+
+# --- pictures ---------------------------------------------------------------------------------------
+def _pictures(comparison: Comparison) -> list[str]:
+    """Every picture with its caption, file by file."""
+    from flashtemp.viz import comparison as draw
+
+    runs = _runs(comparison)
+    out = [
+        html.figure(draw.summary(comparison), "Overview", "Size of the differences and how they compare with noise.")
+    ]
+    for s in comparison.seeings:
+        run = runs.get(id(s.view))
+        seen = "Measured, computed and their difference in K" + (
+            "" if s.view.recording.view == "profile" else " and in sigma; grey: dead pixels and what is not compared"
+        )
+        out += [
+            f"<h3>{escape(_file(s.view))}</h3>",
+            html.figure(draw.images(s, run), f"Frames of {s.view.file}", f"{seen}."),
+            html.figure(
+                draw.along(s, run), f"Mean differences of {s.view.file}", "Where and when the differences lie."
+            ),
+        ]
+    for p in comparison.pullings:
+        words = "Friction coefficient measured and computed, and the difference."
+        out += [f"<h3>{escape(_file(p.force))}</h3>", html.figure(draw.force(p), f"Friction of {p.force.file}", words)]
+    return out
+
+
+def _runs(comparison: Comparison) -> dict[int, Run]:
+    """The run of every view by its identity, as far as runs are kept."""
+    groups = conditions(comparison.campaign)
+    return {id(v): run for (_, views, _), run in zip(groups, comparison.runs, strict=False) for v in views}

@@ -1,0 +1,205 @@
+"""What is wrong: measured, computed and their difference, and T(x) near the contact against both models.
+
+Temperatures in degC, differences in K = measured - computed by the calibrated base; grey: not compared.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
+from scipy.ndimage import uniform_filter
+
+from flashtemp.viz import theme, verdict_parts
+from flashtemp.viz.residuals import SURE, VIEWS, against, edges
+
+MASKED = "#A9A9A9"
+DIFFERENCE = "RdBu_r"
+CONTOUR = 3.0  # sigma
+SMOOTH = 3  # pixels along a side, averaged before the contour
+ROW, MARGIN = 1.12, 0.95  # inches of a row, and of what is around all rows of a view
+AXIS = {"sidewall": "z (mm)", "wake": "y (mm)"}
+COLUMNS = ("measured", "computed (base)", "measured − computed")
+FIRST, LAST = "#0072B2", "#D55E00"  # repetitions
+
+
+@theme.styled
+def draw(verdict) -> Figure:
+    """Images (degC) at the largest difference (K), their contour at 3 sigma, and T(x) of the first and last repetition.
+
+    One scale of colour for all side walls and one for all wakes; at most four conditions.
+    """
+    views = verdict_parts.by_view(verdict_parts.shown(verdict))
+    tall = [ROW * len(own) + MARGIN for own in views.values()]
+    fig = verdict_parts.titled(
+        verdict, verdict_parts.head(verdict, "what_is_wrong"), verdict_parts.WIDTH, 0.3 + sum(tall)
+    )
+    parts = fig.subfigures(len(views), 1, height_ratios=tall, squeeze=False)[:, 0]
+    for part, (view, own) in zip(parts, views.items(), strict=True):
+        _profiles(part, own) if view == "profile" else _images(part, view, own)
+    return fig
+
+
+def _images(part, view: str, own: list) -> None:
+    """All rows of one view with their colour bars."""
+    part.suptitle(VIEWS[view], x=0.01, ha="left", fontsize=8.5)
+    axes = part.subplots(len(own), 4, squeeze=False, width_ratios=[1, 1, 1, 1.15])
+    frames = [_frame(p.before) for p in own]
+    heat, off = _norms(own, frames)
+    for row, pair, k in zip(axes, own, frames, strict=True):
+        good = np.isfinite(pair.before.residual[k])
+        stack = [pair.recording.temperature[k], pair.before.predicted[k], pair.before.residual[k]]
+        for ax, values, norm in zip(row, stack, (heat, heat, off), strict=False):
+            image(ax, pair.before, np.where(good, values, np.nan), norm, _map(norm))
+        _contour(row[2], pair.before, k)
+        _beside(row[0], pair, k)
+        row[0].set_ylabel(AXIS[view])
+        curves(row[3], pair)
+    for ax, words in zip(axes[0], COLUMNS, strict=False):
+        ax.set_title(words, weight="bold")
+    for ax in axes[:, 1:3].ravel():
+        ax.tick_params(labelleft=False)
+    for ax in axes[:-1].ravel():
+        ax.tick_params(labelbottom=False)
+    for ax in axes[-1]:
+        ax.set_xlabel("x (mm)")
+    for columns, picture, label in (
+        (axes[:, :2], axes[0, 0].images[0], f"temperature ({theme.DEGREE})"),
+        (axes[:, 2], axes[0, 2].images[0], "difference (K)"),
+    ):
+        extend = _extend([ax.images[0] for ax in np.ravel(columns)])
+        bar = part.colorbar(picture, ax=columns, label=label, location="bottom", aspect=30, pad=0.02, extend=extend)
+        bar.outline.set_linewidth(0.4)
+    legend(axes[-1, 3], own).set_in_layout(False)  # it lies beside the colour bars
+
+
+def _profiles(part, own: list) -> None:
+    """Profiles have no images: the difference with the band of noise of one pixel, and T(x)."""
+    part.suptitle(VIEWS["profile"], x=0.01, ha="left", fontsize=8.5)
+    grid = part.add_gridspec(len(own), 2, width_ratios=[1.6, 1.0])
+    for i, pair in enumerate(own):
+        left, right = part.add_subplot(grid[i, 0]), part.add_subplot(grid[i, 1])
+        k, noise = _frame(pair.before), pair.before.noise
+        x = 1e3 * pair.recording.u
+        half = np.full(len(x), SURE * np.hypot(noise.white, noise.pattern))
+        against(left, x, pair.before.residual[k, 0], half)
+        left.set_ylabel("measured −\ncomputed (K)")
+        _beside(left, pair, k)
+        curves(right, pair)
+    for ax in (left, right):
+        ax.set_xlabel("x (mm)")
+    legend(right, own)
+
+
+def _frame(seeing) -> int:
+    """The frame of the largest difference, else the hottest."""
+    time = seeing.view.recording.time
+    if seeing.largest is None:
+        return verdict_parts.hottest(seeing, np.arange(len(time)))
+    return int(np.argmin(np.abs(time - seeing.largest.time)))
+
+
+def _norms(own: list, frames: list[int]) -> tuple[Normalize, Normalize]:
+    """Colours of all temperatures and of all differences, the latter centred at zero."""
+    warm, most = [np.zeros(0)], 0.0
+    for pair, k in zip(own, frames, strict=True):
+        off = pair.before.residual[k]
+        good = np.isfinite(off)
+        if good.any():
+            # a single wild pixel would take all colours
+            warm += [np.percentile(pair.recording.temperature[k][good], (0.5, 99.5)), pair.before.predicted[k][good]]
+            most = max(most, 3.0 * pair.before.noise.white, float(np.percentile(np.abs(off[good]), 99.5)))
+    limit = theme.nice_ceil(most) if most > 0 else 1.0
+    return theme.temperature_norm(*warm), Normalize(-limit, limit)
+
+
+def _map(norm):
+    """The colours of temperatures or of differences."""
+    return DIFFERENCE if norm.vmin == -norm.vmax else theme.temperature_map()
+
+
+def image(ax, seeing, values: np.ndarray, norm, cmap) -> None:
+    """One image, filling its place, cut to what is compared."""
+    r = seeing.view.recording
+    u, v = edges(r.u), edges(r.v)
+    ax.set_facecolor(MASKED)
+    ax.imshow(
+        np.ma.masked_invalid(values), origin="lower", extent=(u[0], u[-1], v[0], v[-1]), aspect="auto",
+        cmap=cmap, norm=norm, interpolation="nearest",
+    )  # fmt: skip
+    seen = np.isfinite(seeing.residual).any(axis=0)
+    across, up = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
+    if len(across):
+        ax.set(xlim=(u[across[0]], u[across[-1] + 1]), ylim=(v[up[0]], v[up[-1] + 1]))
+    ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+
+
+def _contour(ax, seeing, k: int) -> None:
+    """A line around what differs by more than 3 sigma, in means of 3 x 3 pixels so that noise draws none."""
+    r, noise = seeing.view.recording, np.hypot(seeing.noise.white, seeing.noise.pattern)
+    good = np.isfinite(seeing.residual[k])
+    if min(good.shape) < 2:
+        return
+    weight = uniform_filter(good.astype(float), SMOOTH, mode="constant")
+    total = uniform_filter(np.where(good, seeing.residual[k], 0.0), SMOOTH, mode="constant")
+    sigma = np.where(good, np.abs(total) / np.sqrt(np.maximum(weight, 1e-9)) * SMOOTH / noise, 0.0)
+    if sigma.max() > CONTOUR > sigma.min():
+        ax.contour(1e3 * r.u, 1e3 * r.v, sigma, [CONTOUR], colors="black", linewidths=0.8)
+
+
+def _beside(ax, pair, k: int) -> None:
+    """Condition, moment and file at the left of a row."""
+    r, view = pair.recording, pair.before.view
+    lines = [*(verdict_parts.narrow(part) for part in pair.words.split(", ")), f"repetition {r.repetition[k]}"]
+    lines += [f"t = {theme.number(r.time[k])} s", *(["held out"] if view.held_out else [])]
+    verdict_parts.beside(ax, "\n".join(lines))
+
+
+def _extend(pictures: list) -> str:
+    """Which ends of a colour bar are arrows."""
+    norm = pictures[0].norm
+    below = any(bool((p.get_array() < norm.vmin).any()) for p in pictures)
+    above = any(bool((p.get_array() > norm.vmax).any()) for p in pictures)
+    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+
+
+# --- T(x) -------------------------------------------------------------------------------------------
+def curves(ax, pair) -> None:
+    """T(x) (degC) of the first and last repetition: measured dots, base dashed, extended drawn through."""
+    x = 1e3 * pair.recording.u
+    for (_, k), colour in zip(verdict_parts.ends(pair.before).items(), (FIRST, LAST), strict=False):
+        seen = verdict_parts.line(pair.before, pair.recording.temperature, k)
+        ax.plot(x, seen, "o", color=colour, ms=2.2, mew=0, alpha=0.75)
+        ax.plot(x, verdict_parts.line(pair.before, pair.before.predicted, k), "--", color=colour, lw=1.0)
+        if pair.after is not None:
+            ax.plot(x, verdict_parts.line(pair.before, pair.after.predicted, k), "-", color=colour, lw=1.0)
+    ax.set_ylabel(f"T ({theme.DEGREE})")
+    ax.set_title(f"T(x), {verdict_parts.where(pair.before)}", fontsize=7.0, pad=3)
+    ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(4))
+    ax.grid(lw=0.3, color=theme.WAITING)
+
+
+def legend(ax, own: list):
+    """What dots, lines and colours of T(x) are, below the lowest of its panels."""
+    style = {"color": theme.AMBIENT, "lw": 1.0}
+    items = [
+        Line2D([], [], color=theme.AMBIENT, marker="o", ms=3, lw=0, label="measured"),
+        Line2D([], [], ls="--", label="base", **style),
+    ]
+    if any(p.after is not None for p in own):
+        items.append(Line2D([], [], label="extended", **style))
+    numbers = sorted({n for p in own for n in verdict_parts.ends(p.before)})
+    several = any(len(verdict_parts.ends(p.before)) > 1 for p in own)
+    items.append(Line2D([], [], color=FIRST, lw=3, label="first repetition" if several else f"repetition {numbers[0]}"))
+    if several:
+        items.append(Line2D([], [], color=LAST, lw=3, label="last repetition"))
+    below = ax.transAxes + ScaledTranslation(0.0, -32 / 72, ax.get_figure(root=True).dpi_scale_trans)
+    return ax.legend(
+        handles=items, loc="upper center", bbox_to_anchor=(0.45, 0.0), bbox_transform=below, ncols=2, fontsize=6.5,
+        borderaxespad=0.0, handlelength=1.8, columnspacing=1.0, labelspacing=0.25,
+    )  # fmt: skip

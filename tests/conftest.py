@@ -14,11 +14,12 @@ from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.case import assemble, build, settings
 from flashtemp.model.numerics import Settings, choose
-from flashtemp.model.scene import KELVIN, Acting, Scene
+from flashtemp.model.scene import Acting, Scene
 from flashtemp.model.schedule import Schedule, constant
 from flashtemp.model.schema import Places
 from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import Progress, march
 from flashtemp.solver.system import Stage

@@ -15,7 +15,6 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.grading import geometric, two_sided
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.scene import KELVIN
 from flashtemp.physics import closed_forms
 from flashtemp.physics.effect import Deposit, Factor, Heat, Term
 from flashtemp.physics.effects.convection import Convection
@@ -23,6 +22,7 @@ from flashtemp.physics.effects.flash import Flash
 from flashtemp.physics.effects.holder_sink import HolderSink
 from flashtemp.physics.effects.lanes import Lanes
 from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.physics.quantities import KELVIN
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
 

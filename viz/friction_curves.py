@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from flashtemp.physics.friction.curve_peak import highest
-from flashtemp.physics.friction.friction_curves import KELVIN, held
+from flashtemp.physics.friction.friction_curves import held
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
 COLD, HOT = theme.PLACES["leading edge"], theme.SPOT

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
 COLD, HOT = theme.PLACES["leading edge"], theme.SPOT
@@ -60,7 +61,7 @@ def _conditions(found) -> str:
     t = found.tread
     return (
         f"{theme.number(t.speed, 3)} m/s over {theme.number(1e3 * t.footprint, 3)} mm, "
-        f"{theme.number(t.pressure / 1e6, 3)} MPa, {theme.number(found.T0 - 273.15, 3)} {theme.DEGREE}, "
+        f"{theme.number(t.pressure / 1e6, 3)} MPa, {theme.number(found.T0 - KELVIN, 3)} {theme.DEGREE}, "
         f"contact regions of {theme.number(1e3 * found.spots.diameter, 3)} mm"
     )
 

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
 GREY = {"cold": "#8A8A8A", "hot": "#B9B9B9"}
@@ -39,7 +40,7 @@ def _conditions(found) -> str:
     b = found.bristle
     return (
         f"{theme.number(b.speed, 3)} m/s, {theme.number(b.pressure / 1e6, 3)} MPa at every load, "
-        f"{theme.number(found.T0 - 273.15, 3)} {theme.DEGREE}, footprint {theme.number(1e3 * found.tyre.width, 3)} mm "
+        f"{theme.number(found.T0 - KELVIN, 3)} {theme.DEGREE}, footprint {theme.number(1e3 * found.tyre.width, 3)} mm "
         f"wide, r$_0$ = {theme.number(1e3 * found.law.r0, 3)} mm; shear stiffness of the tread "
         f"{theme.number(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )

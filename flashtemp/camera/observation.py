@@ -16,8 +16,9 @@ from scipy.special import erfc
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.model.laws import Laws
-from flashtemp.model.scene import KELVIN, Acting, Scene
+from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.interpolation import between
+from flashtemp.physics.quantities import KELVIN
 
 TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
-KELVIN = 273.15  # 0 degC in K
 RANGES = {  # attribute: lowest, highest value, unit
     "emissivity": (0.01, 1.0, ""),
     "reflected": (-273.0, 3000.0, "degC"),

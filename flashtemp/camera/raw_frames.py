@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from flashtemp.camera.radiometry import KELVIN, ObjectParameters, Planck
+from flashtemp.camera.radiometry import ObjectParameters, Planck
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 MOST_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
 UNITS = {

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 VIEWS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
@@ -80,7 +81,7 @@ class Recording:
             return "time: frames must be in order of time, in s from the first start of sliding"
         if self.repetition.shape != (frames,) or np.any(self.repetition < 1):
             return "repetition: one number for every frame, counted from 1"
-        if np.any(self.temperature < -273.15):
+        if np.any(self.temperature < -KELVIN):
             return f"temperature: {np.nanmin(self.temperature):g} degC is below absolute zero; give degC"
         if not np.any(np.isfinite(self.temperature)):
             return "temperature: no pixel holds a number; choose other frames or another file"

@@ -8,6 +8,7 @@ import numpy as np
 
 from flashtemp.camera.observation import Instrument, observe
 from flashtemp.camera.recording import Recording
+from flashtemp.physics.quantities import KELVIN
 
 ALIKE = 0.95, 0.01  # emissivity told to the camera, and how well it is known
 FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behind the block, m
@@ -40,11 +41,11 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
     else:
         u = pixels(-margin, length + margin)
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
-    frames = np.full((len(times), len(v), len(u)), scene.ambient - 273.15)
+    frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
     told = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
     return Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
-        reflected_degC=None if view == "profile" else scene.ambient - 273.15,
+        reflected_degC=None if view == "profile" else scene.ambient - KELVIN,
         registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
     )  # fmt: skip
 

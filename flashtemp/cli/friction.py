@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flashtemp.cli.terminal import DONE, Json, emit, finite
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 COUNT, LIMITS = 60, (1e-12, 1e3)  # speeds; m/s
 NOT_MODELLED = (
@@ -71,7 +72,7 @@ def _curves(asked, slowest: float, fastest: float):
     found = friction_curves.curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
     if not all(np.all((mu >= 0) & np.isfinite(mu)) for mu in (found.mu, found.cold.viscous, found.hot.viscous)):
         raise BadInput(
-            f"persson_friction: friction is no number >= 0 everywhere around {scene.ambient - 273.15:g} degC; "
+            f"persson_friction: friction is no number >= 0 everywhere around {scene.ambient - KELVIN:g} degC; "
             "check master curve, spectrum and ambient.temperature"
         )
     if not acting.p.extrapolate and (outside := theory_inputs.beyond(theory, speeds, scene.ambient, scene.load)):

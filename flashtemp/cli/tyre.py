@@ -8,6 +8,7 @@ from pathlib import Path
 
 from flashtemp.cli.terminal import DONE, Json, counter, emit, finite
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 SLOW = 1e-3  # of the fastest sliding: slower friction hardly counts for what was measured
 NOT_MODELLED = {
@@ -149,7 +150,7 @@ class _Asked:
         (work / "case.toml").write_text(self.case.toml(self.case.copy_files(work)), encoding="utf-8")
         (work / f"{self.table}.csv").write_text("\n".join(found.rows()) + "\n", encoding="utf-8")
         told = found.as_dict() | {
-            "spot_diameter_m": self.spots.diameter, "T0_degC": self.T0 - 273.15, "pressure_Pa": self.pressure,
+            "spot_diameter_m": self.spots.diameter, "T0_degC": self.T0 - KELVIN, "pressure_Pa": self.pressure,
             "remarks": remarks, "not_modelled": NOT_MODELLED[self.table], "out": str(final),
         }  # fmt: skip
         (work / f"{self.table}.json").write_text(json.dumps(finite(told), indent=2) + "\n", encoding="utf-8")
@@ -208,7 +209,7 @@ def _tread_text(found, remarks: list[str], folder: Path) -> str:
     block, best = found.tread, told["maximum"]
     lines = [
         f"Tread block: {block.speed:g} m/s over {1e3 * block.footprint:g} mm ({1e3 * block.contact_time:.2f} ms), "
-        f"{block.pressure / 1e6:g} MPa, {found.T0 - 273.15:.0f} degC, spots of {1e3 * found.spots.diameter:g} mm, "
+        f"{block.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, spots of {1e3 * found.spots.diameter:g} mm, "
         f"r0 = {1e3 * found.law.r0:g} mm",
         "    slip   slides  of slip x l   at exit       mu   cold 0 .. hot 1   friction (law)  law off by",
     ]
@@ -232,7 +233,7 @@ def _tyre_text(found, remarks: list[str], folder: Path) -> str:
     told = found.as_dict()
     loads = found.loads
     lines = [
-        f"Tyre: {found.tyre.speed:g} m/s, {found.tyre.pressure / 1e6:g} MPa, {found.T0 - 273.15:.0f} degC, "
+        f"Tyre: {found.tyre.speed:g} m/s, {found.tyre.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, "
         f"r0 = {1e3 * found.law.r0:g} mm; footprint of {1e3 * found.tyre.width:g} mm x "
         + ", ".join(f"{1e3 * x:.0f}" for x in told["footprint_length_m"]) + " mm at "
         + ", ".join(f"{x:g}" for x in loads) + " N",

@@ -23,6 +23,7 @@ from flashtemp.discovery.problem import MODES, Data, Study, nuisances
 from flashtemp.discovery.scores import NOTHING, Separability, separability
 from flashtemp.errors import FlashtempError
 from flashtemp.model import case as cases
+from flashtemp.physics.quantities import KELVIN
 
 SURE = 5.0  # signal to noise at which an effect is told from all others
 RIVALS = 3.0  # typical strengths that every rival may take meanwhile
@@ -229,7 +230,7 @@ def _task(study: Study, model: Model, key: str, factor: float, step: float) -> T
     planned = []
     for v in views:
         shape = (len(times), len(v.recording.v), len(v.recording.u))
-        blank = np.full(shape, scene.ambient - 273.15)
+        blank = np.full(shape, scene.ambient - KELVIN)
         recording = replace(v.recording, temperature=blank, time=times, repetition=repetition)
         planned.append(View(f"planned {v.file}", recording, changed, v.sigma_K))
     return Task(study.campaign.case, changed, pins, model, tuple(planned), (), _everything(study), {})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,11 +18,12 @@ from flashtemp.meshes import block_on_road
 from flashtemp.model import schema
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.numerics import Settings, choose
-from flashtemp.model.scene import KELVIN, Acting, Scene
+from flashtemp.model.scene import Acting, Scene
 from flashtemp.model.schedule import Schedule, Series, constant
-from flashtemp.physics.effect import Deposit, Term, catalogue
+from flashtemp.physics.effect import Deposit, Effect, Term, catalogue
 from flashtemp.physics.interpolation import pairs
 from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.physics.quantities import KELVIN
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Case:
     name: str = "case"
     candidates: tuple[str, ...] | None = None
     free: tuple[str, ...] = ("friction.mu",)
+
+    @property
+    def known(self) -> Mapping[str, type[Effect]]:
+        """Effects by name that this case may use, whether it does or not."""
+        return catalogue()
 
     def __getitem__(self, dotted: str) -> Any:
         """Value of "table.key"."""

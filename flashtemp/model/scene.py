@@ -13,7 +13,6 @@ from flashtemp.model.schedule import Schedule
 from flashtemp.physics.effect import Effect
 from flashtemp.physics.material import Material
 
-KELVIN = 273.15
 GAUSS = np.polynomial.legendre.leggauss(3)
 
 

@@ -254,7 +254,6 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
     """s_w = 1/(k_n k mu) of the folder's case where its block abrades, else None."""
     from flashtemp.model import case as cases
     from flashtemp.model.laws import Laws
-    from flashtemp.model.scene import KELVIN
 
     try:
         scene = cases.build(cases.load(folder))

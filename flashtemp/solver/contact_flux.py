@@ -18,6 +18,7 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP
+from flashtemp.physics.quantities import KELVIN
 
 
 @dataclass(frozen=True)
@@ -156,5 +157,5 @@ def _spot_temperature(a, b, face, friction, guess):
             return T, mu, dmu
     worst = int(np.argmax(np.abs(step)))
     raise SolverFailure(
-        f"friction law has no consistent spot temperature on line {worst} near {T[worst] - 273.15:.0f} degC"
+        f"friction law has no consistent spot temperature on line {worst} near {T[worst] - KELVIN:.0f} degC"
     )

@@ -10,7 +10,8 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.numerics import Settings
-from flashtemp.model.scene import KELVIN, Scene
+from flashtemp.model.scene import Scene
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import Track
 from flashtemp.solver.cvode import Integrator, Tolerance

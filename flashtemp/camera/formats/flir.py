@@ -14,9 +14,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from flashtemp.camera.radiometry import CONSTANTS, KELVIN, NAMES, ObjectParameters, Planck, object_temperature
+from flashtemp.camera.radiometry import CONSTANTS, NAMES, ObjectParameters, Planck, object_temperature
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, need
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 MAGIC = (b"FFF\0", b"AFF\0")
 HEADER, ENTRY, RAW_HEADER, INFO_LEAST = 64, 32, 32, 0x310

@@ -11,9 +11,9 @@ import struct
 
 import numpy as np
 
-from flashtemp.camera.radiometry import KELVIN
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 MAGIC = b"\xffIRB\0"
 HEADER, ENTRY, IMAGE = 64, 32, 1

@@ -11,6 +11,7 @@ from __future__ import annotations
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Param, Term
 from flashtemp.physics.interpolation import grid, rows
+from flashtemp.physics.quantities import KELVIN
 
 
 class Friction(Effect):
@@ -58,7 +59,7 @@ class Friction(Effect):
         """mu of the contact and its depth spectrum."""
 
         def law(T, now, p):
-            return p.mu if p.table is None else p.mu * p.table(now.speed, T - 273.15)
+            return p.mu if p.table is None else p.mu * p.table(now.speed, T - KELVIN)
 
         yield Term("friction.mu", law)
         for share, depth in p.spectrum or [(p.volumetric_share, p.depth)]:

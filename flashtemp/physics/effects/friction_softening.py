@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.effect import Effect, Factor, Param
+from flashtemp.physics.quantities import KELVIN
 
 
 class FrictionSoftening(Effect):
@@ -25,4 +26,4 @@ class FrictionSoftening(Effect):
 
     def heat(self, scene, p):
         """Multiplies mu at the spot temperature."""
-        yield Factor("friction.mu", lambda T, now, p: np.exp(-p.b * (T - 273.15 - p.reference)))
+        yield Factor("friction.mu", lambda T, now, p: np.exp(-p.b * (T - KELVIN - p.reference)))

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from flashtemp.physics.effect import Effect, Heat, Param
+from flashtemp.physics.quantities import KELVIN
 
 
 class HolderSink(Effect):
@@ -25,6 +26,6 @@ class HolderSink(Effect):
         """Film at the back."""
 
         def far(now, p):
-            return now.ambient if p.temperature is None else p.temperature + 273.15
+            return now.ambient if p.temperature is None else p.temperature + KELVIN
 
         yield Heat.film("block.holder", lambda now, p: p.coefficient, to="holder", far=far)

@@ -21,8 +21,8 @@ from flashtemp.physics.friction.curve_peak import highest
 from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.material import Material
+from flashtemp.physics.quantities import KELVIN
 
-KELVIN = 273.15
 SPEEDS = np.geomspace(1e-6, 10.0, 60)  # m/s
 COOLER, WARMER, TEMPERATURES = 20.0, 100.0, 40  # K around the background temperature; rows of the table
 STEP = 40.0  # K, by which the shift of the curves is told

@@ -19,10 +19,10 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.friction.heat_kernels import felt
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.material import Material
+from flashtemp.physics.quantities import KELVIN
 
 FILE = "friction.nc"
 EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
-KELVIN = 273.15
 BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
 PRESSURES, REACH = 7, 12.0  # nodes, from the mean nominal pressure over REACH to REACH times it
 PER_DECADE = 8  # of speed, where it varies

@@ -15,17 +15,17 @@ from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation
 from flashtemp.physics.friction.instrument_tables import Quantity, Table, of_rows, read
 from flashtemp.physics.friction.rheology import WLF, Measured, Shifts
+from flashtemp.physics.quantities import KELVIN
 
 SAME = 1e-3  # decades: frequencies closer than this are one
 CLOSE = 0.02  # decades: points of different sweeps closer than this are one
 JUMP = 1.5  # K between two sweeps
-ZERO = 273.15
 
 ANY = ""  # fits every name
 PRESSURES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm2": 1e6, "dyn/cm2": 0.1}
 MODULI = {k: (v, 0.0) for k, v in (PRESSURES | {"pa": 1.0, "kpa": 1e3, "Mpa": 1e6, "MPA": 1e6, "Gpa": 1e9}).items()}
 NUMBERS = {k: (1.0, 0.0) for k in ("", "-", "1", "delta", "δ")}
-TEMPERATURES = {k: (1.0, ZERO) for k in ("degC", "C", "Celsius")} | {k: (1.0, 0.0) for k in ("K", "Kelvin")}
+TEMPERATURES = {k: (1.0, KELVIN) for k in ("degC", "C", "Celsius")} | {k: (1.0, 0.0) for k in ("K", "Kelvin")}
 TURNS = {k: (2 * np.pi, 0.0) for k in ("Hz", "hz", "HZ")} | {"kHz": (2e3 * np.pi, 0.0)}
 RADIANS = {k: (1.0, 0.0) for k in ("rad/s", "rads-1", "1/s", "s-1")}
 
@@ -119,7 +119,7 @@ def read_master(source, folder: Path, key: str, shift: WLF | Shifts | None = Non
     name = f"{key}: {source}" if isinstance(source, str) else key
     temperatures = sweeps.temperatures
     if len(temperatures) > 1:
-        span = f"{temperatures[0] - ZERO:.0f} to {temperatures[-1] - ZERO:.0f} degC"
+        span = f"{temperatures[0] - KELVIN:.0f} to {temperatures[-1] - KELVIN:.0f} degC"
         if shift is None:
             raise BadInput(f"{name}: sweeps from {span} without a shift; give WLF constants or shift factors")
         before, after = sweeps.scatter(None), sweeps.scatter(shift)

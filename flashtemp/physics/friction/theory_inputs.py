@@ -14,8 +14,8 @@ from flashtemp.physics import interpolation
 from flashtemp.physics.friction import rheology, roughness_spectrum
 from flashtemp.physics.friction.adhesive_shear import Shear
 from flashtemp.physics.friction.persson import Payne, Theory
+from flashtemp.physics.quantities import KELVIN
 
-KELVIN = 273.15
 BEYOND = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
 USUAL_WLF = (7.718, 116.6)  # of rubber A; K
 PER_DECADE = 3.0  # deposits in depth

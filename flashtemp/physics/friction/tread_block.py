@@ -28,6 +28,7 @@ from flashtemp.physics.friction.curve_peak import Peak, highest
 from flashtemp.physics.friction.flash_temperature import Slide, Spots
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.material import Material
+from flashtemp.physics.quantities import KELVIN
 
 FEW, MOST = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
 STEPS, FINEST = 800, 3200  # of the law alone
@@ -229,7 +230,7 @@ class Rolled:
                 "slip": float(slip), "slid_m": float(path.slid[-1, 0]), "sheared_m": float(path.shear[-1, 0]),
                 "slip_distance_m": float(slip * self.tread.footprint), "speed_at_exit_m_s": float(path.speed[-1, 0]),
                 "mu_at_exit": float(path.mu[-1, 0]), "from_cold_to_hot": float(way),
-                "T_max_degC": float(T.max() - 273.15),
+                "T_max_degC": float(T.max() - KELVIN),
                 "friction": float(mean_traction(path)[0]), "friction_law": float(mean_traction(self.path)[i]),
                 "law_deviates": deviation(path, self.law), "chatter": bool(chatter),
             })  # fmt: skip

@@ -21,6 +21,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError, nearest
 from flashtemp.physics.interpolation import rows
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.relaxation_fit import Fit, Record, without
 
 FEWEST = 4  # values: three numbers are fitted

@@ -16,6 +16,7 @@ from flashtemp.discovery.linear_gaussian import Block
 from flashtemp.discovery.prediction import Look, Task, Wanted, packed
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
+from flashtemp.model.schema import refinement
 
 MODES = 6  # cosines of the pressure along the block
 GROUPS = {  # standard deviations of what no laboratory knows better, by the kind of nuisance
@@ -99,7 +100,7 @@ def _pins(campaign: Campaign, given, views, tried) -> dict[str, Any]:
     for c in tried:
         if not c.optical:
             meshes.append(cases.build(cases.load_with(case, {"effects": [*case.effects, c.effect]})).mesh)
-    refine = cases.keys.refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
+    refine = refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
     return pins | {
         "road.depth": float(max(m.depth[-1] for m in meshes)),
         "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,

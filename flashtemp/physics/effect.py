@@ -8,11 +8,13 @@ so that the extended model is then bit for bit the base.
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from math import inf
+from types import ModuleType
 from typing import Any, ClassVar
 
 from flashtemp.errors import BadInput, nearest
@@ -157,15 +159,25 @@ def catalogue() -> dict[str, type[Effect]]:
     package = importlib.import_module("flashtemp.physics.effects")
     found = {}
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
-        module = importlib.import_module(f"flashtemp.physics.effects.{info.name}")
-        kinds = [
-            k
-            for k in vars(module).values()
-            if isinstance(k, type) and issubclass(k, Effect) and k.__module__ == module.__name__
-        ]
-        if len(kinds) == 1:
-            found[info.name] = kinds[0]
+        found[info.name] = only_effect(importlib.import_module(f"flashtemp.physics.effects.{info.name}"))
     return dict(sorted(found.items(), key=lambda item: (not item[1].base, item[0])))
+
+
+def only_effect(module: ModuleType) -> type[Effect]:
+    """The one effect that a module defines.  Raises BadInput when it defines none, or several."""
+    kinds = [
+        k
+        for k in vars(module).values()
+        if isinstance(k, type) and issubclass(k, Effect) and k.__module__ == module.__name__
+    ]
+    kinds = list(dict.fromkeys(kinds))  # one class under two names is one effect
+    if not kinds:
+        raise BadInput(f"{module.__file__}:1: holds no effect; write one class that is derived from Effect")
+    if len(kinds) > 1:
+        line = inspect.getsourcelines(kinds[1])[1]
+        names = " and ".join(k.__name__ for k in kinds)
+        raise BadInput(f"{module.__file__}:{line}: holds {len(kinds)} effects, {names}; give each a file of its own")
+    return kinds[0]
 
 
 def find(name: str) -> type[Effect]:

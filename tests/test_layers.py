@@ -16,7 +16,7 @@ import flashtemp
 
 ROOT = Path(__file__).parents[1]
 TOWER = [  # from the ground; a package imports itself and what stands before it, packages of one floor not each other
-    ["errors", "meshes"],
+    ["errors", "showing", "meshes"],
     ["physics"],
     ["model"],
     ["solver", "camera"],

@@ -1,10 +1,12 @@
-"""Result folders: whole or absent, never half-written."""
+"""Result folders: whole or absent, never half-written, and Ctrl-C seen where work leaves something whole."""
 
 from __future__ import annotations
 
 import shutil
+import signal
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from flashtemp.errors import BadInput
@@ -41,3 +43,23 @@ def whole(out: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(work, ignore_errors=True)
         raise
+
+
+def wanted(out: Path | str | None) -> AbstractContextManager[Path | None]:
+    """A new folder as `whole` makes it, or None where nothing is to be written.  Raises BadInput."""
+    return nullcontext() if out is None else whole(Path(out))
+
+
+@contextmanager
+def stoppable() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, so that work ends where it leaves something whole."""
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    old = {s: signal.signal(s, lambda *_: stopped.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for s, handler in old.items():
+            signal.signal(s, handler)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import time
 from collections.abc import Callable
@@ -10,19 +9,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
-import numpy as np
-
 from flashtemp.errors import BadInput, Interrupted
 from flashtemp.model import case as cases
 from flashtemp.runs import vtk
-from flashtemp.runs.folders import partial
-from flashtemp.runs.stopping import stoppable
+from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, load, save
+from flashtemp.runs.folders import partial, stoppable
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.march import Progress, march
 from flashtemp.solver.run import Run
 
-CHECKPOINT, FRAMES, LOCK = "checkpoint.h5", "frames.bin", ".lock"
+LOCK = ".lock"
 EVERY = 30.0  # s of wall time between checkpoints
 Draw = Callable[[Run, Path, bool, Callable[[str], None]], None]  # pictures of a run into a folder, animated or not
 
@@ -113,7 +109,7 @@ def resume(
         raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
     with _hold(work):
         case = cases.load(work)
-        scene, state = cases.build(case), load_checkpoint(work)
+        scene, state = cases.build(case), load(work)
         return _carry_out(case, scene, cases.settings(case), state, work, out, pvd, watch, say, draw)
 
 
@@ -124,7 +120,7 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -
         try:
             run = march(scene, numerics, case.title, state, _watcher(work, scene, watch, stopped, box))
         except KeyboardInterrupt:
-            save_checkpoint(work, box["progress"])
+            save(work, box["progress"])
             raise Interrupted(work, f"flashtemp run --resume {out}") from None
         text = (work / "case.toml").read_text(encoding="utf-8")
         remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
@@ -162,71 +158,11 @@ def _watcher(work, scene, watch, stopped=None, box=None):
         if watch is not None:
             watch(progress, end)
         if work is not None and time.monotonic() - last > EVERY:
-            save_checkpoint(work, progress)
+            save(work, progress)
             last = time.monotonic()
         return stopped is not None and stopped.is_set()
 
     return hook
-
-
-def save_checkpoint(work: Path, p: Progress) -> None:
-    """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
-    fresh = work / (CHECKPOINT + ".new")
-    with vtk.in_memory(fresh) as file:
-        file.attrs.update(
-            {
-                "t": p.t,
-                "phase": p.phase,
-                "steps": p.steps,
-                "wall": p.wall,
-                "frames": len(p.frames),
-                "case": _fingerprint(work),
-                **{f"calls_{k}": v for k, v in p.calls.items()},
-            }
-        )
-        file["y"], file["left"] = p.y, p.left
-        for name, values in p.records.items():
-            data = np.array(values, dtype=object if name == "ledger" else None)
-            file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
-        if p.track is not None:
-            for name in ("place", "time", "mean", "lane"):
-                file[f"track/{name}"] = np.array(getattr(p.track, name))
-    fresh.replace(work / CHECKPOINT)
-
-
-def load_checkpoint(work: Path) -> Progress:
-    """The Progress of a checkpoint; BadInput when it is damaged or its case was changed meanwhile."""
-    try:
-        with h5py.File(work / CHECKPOINT) as file:
-            if file.attrs["case"] != _fingerprint(work):
-                raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
-            return _progress(file, work)
-    except (OSError, KeyError) as fault:
-        raise BadInput(f"--resume: {work / CHECKPOINT} is damaged ({fault}); start the run anew") from fault
-
-
-def _fingerprint(work: Path) -> str:
-    return hashlib.sha256((work / "case.toml").read_bytes()).hexdigest()
-
-
-def _progress(file, work: Path) -> Progress:
-    """The track's columns are put back when the march rebuilds it."""
-    a = file.attrs
-    records = {k: list(v[:]) for k, v in file["records"].items()}
-    records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
-    columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
-    return Progress(
-        t=float(a["t"]),
-        phase=int(a["phase"]),
-        y=file["y"][:],
-        records=records,
-        frames=Frames(work / FRAMES, int(a["frames"])),
-        steps=int(a["steps"]),
-        calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
-        wall=float(a["wall"]),
-        left=file["left"][:],
-        columns=columns,
-    )
 
 
 def versions(binding: str) -> dict[str, str]:

@@ -18,8 +18,7 @@ import numpy as np
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.model import case as cases
 from flashtemp.model import schema
-from flashtemp.runs.folders import partial
-from flashtemp.runs.stopping import stoppable
+from flashtemp.runs.folders import partial, stoppable
 from flashtemp.runs.workers import stream
 from flashtemp.solver.march import march
 

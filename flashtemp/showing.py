@@ -1,0 +1,114 @@
+"""How results show themselves: as text, as an HTML table in a notebook, and as JSON that is valid everywhere."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+MOST = 40  # rows of a table in a notebook
+TITLE = "font-weight: 600; margin: .3em 0"
+NOTE = "margin: .2em 0"
+
+
+class Shown:
+    """A result that shows itself: its `repr` is its text, and a notebook draws its `sheet`.
+
+    A subclass writes `__str__` and, where that text is a table, `sheet`.
+    """
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        return self.sheet().html()
+
+    def sheet(self) -> Sheet:
+        """The text, its first line as the title."""
+        title, *notes = str(self).splitlines()
+        return Sheet(title, notes=tuple(note.strip() for note in notes))
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What a notebook shows: a title, `rows` of cells below a `head`, `notes`, and `parts` that can be unfolded.
+
+    >>> Sheet("a < b", rows=[("mu", 0.25, "1")]).html().count("&lt;")
+    1
+    """
+
+    title: str
+    rows: Sequence[Sequence[Any]] = ()
+    head: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    parts: Sequence[Sheet] = ()
+
+    def html(self) -> str:
+        """An HTML fragment; every text is escaped."""
+        return f'<div><p style="{TITLE}">{escape(self.title)}</p>{self._inside()}</div>'
+
+    def _inside(self) -> str:
+        notes = "".join(f'<p style="{NOTE}">{escape(note)}</p>' for note in self.notes)
+        folded = "".join(
+            f"<details><summary>{escape(part.title)}</summary>{part._inside()}</details>" for part in self.parts
+        )
+        return _table(self.head, self.rows) + notes + folded
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Rows as an HTML table, the first MOST of them; numbers to four digits."""
+    if not rows:
+        return ""
+    top = f"<thead>{_row('th', head)}</thead>" if head else ""
+    body = "".join(_row("td", map(written, row)) for row in rows[:MOST])
+    more = f'<p style="{NOTE}">and {len(rows) - MOST} more</p>' if len(rows) > MOST else ""
+    return f"<table>{top}<tbody>{body}</tbody></table>{more}"
+
+
+def _row(tag: str, cells: Iterable[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def written(value: Any) -> str:
+    """A value for people.
+
+    >>> written(0.123456), written(None), written((1, 2.0)), written(True)
+    ('0.1235', '', '1, 2', 'yes')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return ", ".join(map(written, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
+def finite(data: Any) -> Any:
+    """Data with infinite and undefined numbers as text or null, so that the JSON is valid everywhere.
+
+    >>> finite({"a": [float("nan"), float("-inf")]})
+    {'a': [None, '-inf']}
+    """
+    if isinstance(data, dict):
+        return {k: finite(v) for k, v in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [finite(v) for v in data]
+    if isinstance(data, float) and data != data:
+        return None
+    if isinstance(data, float) and abs(data) == float("inf"):
+        return "inf" if data > 0 else "-inf"
+    return data
+
+
+def to_json(data: Any) -> str:
+    """Plain data as JSON text for people and programs."""
+    return json.dumps(finite(data), indent=2, default=float)
+
+
+def write_json(data: Any, file: Path) -> None:
+    """Write plain data into a JSON file."""
+    file.write_text(to_json(data) + "\n", encoding="utf-8")

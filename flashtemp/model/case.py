@@ -20,6 +20,7 @@ from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.numerics import Settings, choose
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.model.schedule import Schedule, Series, constant
+from flashtemp.physics import contributions
 from flashtemp.physics.effect import Deposit, Effect, Term, catalogue
 from flashtemp.physics.interpolation import pairs
 from flashtemp.physics.material import LIBRARY, Material
@@ -170,6 +171,8 @@ def build(case: Case) -> Scene:
             acting.append(Acting(name, effect(), SimpleNamespace(**effect.prepare(mine, case.folder))))
     speed, pressure = _series(case, "schedule.speed"), _series(case, "contact.pressure")
     known = materials | {"speeds": speed.range, "load": max(pressure.value)}
+    for a in acting:
+        contributions.of_camera(a.name, a.effect, a.p)
     parts = [c for a in acting for c in _probe(a, v, known)]
     total = sum(c.share for c in parts if isinstance(c, Deposit))
     if total > 1 + 1e-12:

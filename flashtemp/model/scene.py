@@ -10,6 +10,7 @@ import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.schedule import Schedule
+from flashtemp.physics import contributions
 from flashtemp.physics.effect import Effect
 from flashtemp.physics.material import Material
 
@@ -49,9 +50,9 @@ class Acting:
     effect: Effect
     p: SimpleNamespace
 
-    def contributions(self, scene: Scene):
-        """What the effect yields on a scene."""
-        return tuple(self.effect.heat(scene, self.p))
+    def contributions(self, scene: Scene) -> contributions.Parts:
+        """What the effect yields on a scene.  Raises BadInput when it names what is not there."""
+        return contributions.of_balance(self.name, self.effect, scene, self.p)
 
 
 @dataclass(frozen=True)

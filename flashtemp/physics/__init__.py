@@ -1,1 +1,12 @@
-"""What acts on a sliding rubber block: the contract of an effect, quantities, materials, closed forms."""
+"""What acts on a sliding rubber block; the names that an effect file needs, in one place.
+
+>>> from flashtemp.physics import Effect, Factor, Param
+"""
+
+from __future__ import annotations
+
+from flashtemp.physics.effect import Deposit, Effect, Factor, Heat, Param, Term, catalogue
+from flashtemp.physics.interpolation import Curve, Surface
+from flashtemp.physics.quantities import KELVIN
+
+__all__ = ["KELVIN", "Curve", "Deposit", "Effect", "Factor", "Heat", "Param", "Surface", "Term", "catalogue"]

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
 
@@ -24,8 +24,8 @@ KINDS = {
 
 def seconds(case) -> tuple[float, object]:
     """CPU seconds of set-up and solve with two profiles a stretch, and the Run."""
-    lean, began = replace(settings(case), profiles=2, fields=2), time.process_time()
-    run = march(build(case), lean)
+    lean, began = replace(case.settings, profiles=2, fields=2), time.process_time()
+    run = march(case.scene, lean)
     return time.process_time() - began, run
 
 

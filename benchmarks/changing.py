@@ -18,7 +18,7 @@ from common import profile_error, table, timed
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp.model.case import build, load
+from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.balance import Balance
 
@@ -32,7 +32,7 @@ CHANGE = {
 
 def peer(case, rtol: float):
     """Assemble A0 + v A1 and march with solve_ivp; returns cells, x, final rise of T_R (x,)."""
-    scene = build(case)
+    scene = case.scene
     b, mesh = Balance(scene), scene.mesh
     n, m = b.n, mesh.n_road
     rows_, cols, W = [], [], []

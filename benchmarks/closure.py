@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
 
@@ -44,7 +44,7 @@ def case(v: float, D: float, phi: float, seed: int | None, fine: int) -> dict:
 
 def go(given: dict):
     made = load("cases/uniform_pressure", given)
-    return march(build(made), settings(made))
+    return march(made.scene, made.settings)
 
 
 def seen(run) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp.model.case import Case, build, settings
+from flashtemp.model.case import Case
 from flashtemp.solver.march import march
 
 
@@ -18,11 +18,11 @@ def timed(case: Case, repeat: int):
 
     The timed runs keep two profiles a stretch, as the peers do; the Run returned keeps them all.
     """
-    run = march(build(case), settings(case))
-    lean, seconds = replace(settings(case), profiles=2, fields=2), []
+    run = march(case.scene, case.settings)
+    lean, seconds = replace(case.settings, profiles=2, fields=2), []
     for _ in range(repeat):
         began = time.process_time()
-        march(build(case), lean)
+        march(case.scene, lean)
         seconds.append(time.process_time() - began)
     return statistics.median(seconds), run
 

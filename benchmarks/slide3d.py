@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
 
@@ -48,7 +48,7 @@ def rises(run) -> np.ndarray:
 def go(change: dict):
     """Run, and CPU seconds of its march."""
     case = load(CASE, change)
-    scene, numerics = build(case), settings(case)
+    scene, numerics = case.scene, case.settings
     began = time.process_time()
     run = march(scene, replace(numerics, fields=2))
     return run, time.process_time() - began
@@ -165,7 +165,7 @@ def bandwidth() -> None:
     from flashtemp.solver.balance import Balance
     from flashtemp.solver.system import Stage
 
-    scene = build(load(CASE, MILLION))
+    scene = load(CASE, MILLION).scene
     balance = Balance(scene)
     stage, n = Stage(balance, scene.schedule.phases[0]), balance.size
     y, out = np.zeros(n), np.zeros(n)

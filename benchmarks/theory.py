@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.model.case import build, load, settings
-from flashtemp.model.theories import theory_of
+from flashtemp.model.build import theory_of
+from flashtemp.model.case import load
 from flashtemp.physics.friction.friction_table import tabulate
 from flashtemp.solver.march import march
 
@@ -57,7 +57,7 @@ def runs(file: Path, repeat: int, meshes) -> None:
     """CPU seconds of a 35 s slide and their ratio to friction that is a number."""
     for mesh in meshes:
         cases = {name: load(file, given | {"numerics.mesh": mesh}) for name, given in OTHERS.items()}
-        made = {name: (build(case), settings(case)) for name, case in cases.items()}
+        made = {name: (case.scene, case.settings) for name, case in cases.items()}
         spent: dict[str, list[float]] = {name: [] for name in made}
         for n in range(repeat + 1):
             for name, (scene, numerics) in made.items():

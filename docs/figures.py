@@ -12,7 +12,7 @@ from flashtemp.__main__ import main as flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.solver.march import march
 from flashtemp.viz import comparison, field, film, maps, profile, theme, worn
 
@@ -23,7 +23,7 @@ OUT = ROOT / "docs" / "pictures"
 def simulate(name: str, **change):
     """March a ready case with overrides given as table__key."""
     case = load(ROOT / "cases" / name, {k.replace("__", "."): v for k, v in change.items()})
-    return march(build(case), settings(case), case.title)
+    return march(case.scene, case.settings, case.title)
 
 
 @theme.styled

@@ -12,11 +12,11 @@ import pytest
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.case import assemble, build, settings
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.model.numerics import Settings, choose
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.model.schedule import Schedule, constant
-from flashtemp.model.schema import Places
 from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
@@ -111,7 +111,7 @@ def check_second_order(label, errors, bound):
 def case(**given):
     """A case assembled from overrides alone, table__key=value, and its run."""
     made = assemble({}, {k.replace("__", "."): v for k, v in given.items()}, Places("none"), Path(), "verification")
-    run = march(build(made), settings(made))
+    run = march(made.scene, made.settings)
     assert run.energy_imbalance < LEAK
     return run
 

@@ -11,8 +11,8 @@ from scipy.interpolate import RegularGridInterpolator
 import flashtemp.viz
 from flashtemp import BadInput
 from flashtemp.api.simulation import simulate
-from flashtemp.model.case import assemble, build, settings
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 from flashtemp.viz import animation, animation_frame, theme
 
@@ -34,7 +34,7 @@ def small(**more):
 
 @pytest.fixture(scope="module")
 def run():
-    return march(build(small()), settings(small()), "small")
+    return march(small().scene, small().settings, "small")
 
 
 def decode(path):

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.model.case import assemble, build, load, settings
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble, load
+from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -74,7 +74,7 @@ def run_of(folder, overrides):
     case = load(folder, overrides)
     key = (folder.name, case.toml())
     if key not in RUNS:
-        run = RUNS[key] = march(build(case), settings(case), case.title)
+        run = RUNS[key] = march(case.scene, case.settings, case.title)
         assert run.energy_imbalance < 1e-6, f"{folder.name} {overrides}: energy {run.energy_imbalance:.1e}"
     return RUNS[key]
 

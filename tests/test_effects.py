@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 import flashtemp
-from flashtemp import build, catalogue, load
+from flashtemp import catalogue, load
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import settings
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
@@ -87,7 +86,7 @@ def run(case):
     @cache
     def go(effects: tuple, values: tuple = ()):
         made = case(*effects, values=dict(values))
-        return march(build(made), settings(made))
+        return march(made.scene, made.settings)
 
     return go
 
@@ -163,7 +162,7 @@ def stages(case, name, shape, **given):
     values = RICH | SHAPES[shape] | given
     if name == "heat_depth":
         values |= {"friction.volumetric_share": 0.0}
-    scene = build(case(*([name] if name else []), values=values))
+    scene = case(*([name] if name else []), values=values).scene
     balance = Balance(scene)
     carried = np.linspace(0.1, 1.0, scene.mesh.n_road * scene.mesh.n_across)
     inflow = (lambda now: carried) if balance.laws.has("road.inflow") else None
@@ -231,7 +230,7 @@ def test_jacobian_is_exact(case, name, shape):
 )
 def test_jacobian_is_exact_where_effects_meet(case, names):
     """Friction tilts the holder and answers to the heat of the tilt; spots answer to the pressure that wear leaves."""
-    scene = build(case(*names, values=RICH))
+    scene = case(*names, values=RICH).scene
     balance, rng = Balance(scene), np.random.default_rng(3)
     stage = Stage(balance, scene.schedule.phases[0])
     y = balance.initial()
@@ -304,7 +303,7 @@ def test_runaway_is_explained(case):
     """Friction that rises with temperature without bound: no steady contact, and the message says where."""
     made = case("friction_softening", values={"friction_softening.b": -0.05, "friction.mu": 2.0})
     with pytest.raises(SolverFailure, match=r"t = .* cell x = .* largest effect: \w+"):
-        march(build(made), settings(made))
+        march(made.scene, made.settings)
 
 
 # --- what the files declare ------------------------------------------------------------------------

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp import build, load
-from flashtemp.model.case import settings
-from flashtemp.model.theories import theory_of
+from flashtemp import load
+from flashtemp.model.build import theory_of
 from flashtemp.physics.friction import flash_temperature, friction_table
 from flashtemp.physics.friction.kernel_block import Sliding
 from flashtemp.solver.march import march
@@ -37,10 +36,10 @@ def both(case, speed, effects=(), friction=None, widening=True, **values):
     """Run of Level H and result of Level K for the same block after 3.5 m."""
     values = CALM | {"schedule.speed": speed, "contact.lane_widening": float(widening)} | values
     made = case("conductivity_anisotropy", *effects, values=values)
-    scene = build(made)
+    scene = made.scene
     block = Sliding(scene.block, scene.road, scene.length, speed, P, scene.spot_fraction, 3e-3, AIR, widening)
     law = friction(scene) if friction else lambda spot, face: np.ones_like(spot)
-    return march(scene, settings(made)), block.march(3.5 / speed, law, 50, 40)
+    return march(scene, made.settings), block.march(3.5 / speed, law, 50, 40)
 
 
 def at(x, values, places):
@@ -85,7 +84,7 @@ def test_hot_branch(case, speed):
     }  # fmt: skip
     made = case("persson_friction", values=values)
     scene, acting = theory_of(made)
-    run = march(scene, settings(made))
+    run = march(scene, made.settings)
     face = run.T_block[-1][len(run.x) // 2] + 273.15
     theory = acting.p.theory
     phi = float(theory.contact(2 * np.pi / 3e-3, speed, AIR, P))

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.model.case import build, load, settings
-from flashtemp.model.theories import theory_of
+from flashtemp.model.build import theory_of
+from flashtemp.model.case import load
 from flashtemp.runs.load_dependence import HEATING, NAMES, Asked, Loads, attribute, friction_of
 from flashtemp.solver.march import march
 from flashtemp.viz import loads as picture
@@ -103,7 +103,7 @@ def test_every_is_the_case_itself(tmp_path):
     got = attribute(case, (1e5, 3e5), (1.0,), workers=1)
     assert got.acting == ("saturation", HEATING)
     runs = [load(tmp_path, COARSE | {"schedule.speed": 1.0, "contact.pressure": p}) for p in (1e5, 3e5)]
-    np.testing.assert_allclose(got.every[0], [march(build(c), settings(c)).friction[-1] for c in runs], rtol=1e-12)
+    np.testing.assert_allclose(got.every[0], [march(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12)
 
 
 def test_all_laws_of_friction_count_with_heat_and_without():

@@ -12,8 +12,8 @@ from flashtemp.camera.synthetic import blank
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import window
 from flashtemp.meshes.grading import geometric
-from flashtemp.model.case import assemble, build
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 
 
 def case(tmp_path, **given):
@@ -44,7 +44,7 @@ def test_refinement_keeps_the_map():
 def test_a_factor_refines_one_direction(direction, tmp_path):
     factors = [1, 1, 1]
     factors[direction] = 2
-    plain, finer = (build(case(tmp_path, **{"numerics.finer": f})).mesh for f in ([1, 1, 1], factors))
+    plain, finer = (case(tmp_path, **{"numerics.finer": f}).scene.mesh for f in ([1, 1, 1], factors))
     for k, edges in enumerate(("x", "height", "depth")):
         counts = len(getattr(plain, edges)) - 1, len(getattr(finer, edges)) - 1
         assert counts[1] == (2 if k == direction else 1) * counts[0], edges
@@ -53,7 +53,7 @@ def test_a_factor_refines_one_direction(direction, tmp_path):
 def test_what_recordings_see_asks_for_cells(tmp_path):
     """A side wall for even cells up the block, a wake for road behind it; more that a case has already is kept."""
     base = case(tmp_path)
-    scene = build(base)
+    scene = base.scene
     side, wake = (View(v, blank(v, scene, np.array([1.0]), np.array([1]), 0.05)) for v in ("sidewall", "wake"))
     assert window(base, [side]) == {"numerics.above": ABOVE}
     assert window(base, [wake]).keys() == {"road.downstream", "numerics.behind"}

@@ -14,7 +14,6 @@ from flashtemp.camera.observation import Instrument, observe, pixel_weights, wal
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.case import build, settings
 from flashtemp.model.scene import Acting
 from flashtemp.physics.effect import find
 from flashtemp.solver.march import march
@@ -43,8 +42,8 @@ def acting(name, **p):
 def slid(lab):
     """A short slide with its scene, fields kept at 1 s."""
     case = lab.assemble({}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.Places("none"), lab.Path(), "x")
-    scene = build(case)
-    return scene, march(scene, replace(settings(case), times=(0.5, 1.0)))
+    scene = case.scene
+    return scene, march(scene, replace(case.settings, times=(0.5, 1.0)))
 
 
 # --- pixels -----------------------------------------------------------------------------------------
@@ -214,8 +213,8 @@ def test_the_wake_holds_the_heat_of_lanes_and_gaps(lab):
     """Averaged across y the wake carries phi times the rise of a lane that keeps its width."""
     given = {"schedule.distance": 0.5, "contact.lane_widening": 0.0}
     case = lab.assemble({}, given, lab.Places("none"), lab.Path(), "x")
-    scene = build(case)
-    run = march(scene, settings(case))
+    scene = case.scene
+    run = march(scene, case.settings)
     k, mesh = len(run.frames) - 1, run.mesh
     lanes = run.field[k][mesh.road[mesh.last :, -1]] - run.ambient_degC
     np.testing.assert_allclose(run.T_wake[run.frames[k]] - run.ambient_degC, 0.2 * lanes, rtol=1e-4, atol=1e-4)

@@ -430,7 +430,7 @@ def test_analytic_curves_and_spectra_from_the_case(tmp_path):
     }
     mu = {}
     for name, keys in given.items():
-        scene = cases.build(cases.load(tmp_path, {f"persson_friction.{k}": v for k, v in keys.items()}))
+        scene = cases.load(tmp_path, {f"persson_friction.{k}": v for k, v in keys.items()}).scene
         theory = next(a.p.theory for a in scene.acting if a.name == "persson_friction")
         mu[name] = float(theory(0.1, C20, P).mu)
     assert mu["cole"] == mu["ready"]
@@ -443,7 +443,7 @@ def test_curve_that_ends_too_early_is_remarked(tmp_path):
     (tmp_path / "case.toml").write_text(
         'effects = ["persson_friction"]\n[persson_friction]\nmaster_curve = "e.csv"\nextrapolate = true\n'
     )
-    scene = cases.build(cases.load(tmp_path))
+    scene = cases.load(tmp_path).scene
     theory = next(a.p.theory for a in scene.acting if a.name == "persson_friction")
     [said] = theory_inputs.beyond(theory, [0.1], C20, P)
     assert "above 1e+03 rad/s" in said
@@ -464,7 +464,7 @@ def marched(folder, **given):
     """A run of a case with the effect; keys as table__key."""
     (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
     case = cases.load(folder, QUICK | {k.replace("__", "."): v for k, v in given.items()})
-    return march(cases.build(case), cases.settings(case))
+    return march(case.scene, case.settings)
 
 
 def test_speed_from_rest_has_the_friction_of_every_speed(tmp_path):
@@ -490,7 +490,7 @@ def test_table_of_another_making_is_not_taken_up(tmp_path, monkeypatch):
 
 
 def test_run_says_where_it_left_its_table(tmp_path):
-    scene = cases.build(cases.load(_plain(tmp_path)))
+    scene = cases.load(_plain(tmp_path)).scene
     acting = next(a for a in scene.acting if a.name == "persson_friction")
     inside = SimpleNamespace(T_spot=np.array([25.0, 90.0]), pressure=np.array([1e5]))
     flash_temperature = SimpleNamespace(T_spot=np.array([25.0, np.nan, 170.0]), pressure=np.array([3e6]))
@@ -518,7 +518,7 @@ def test_shift_without_a_curve_is_refused_and_a_missing_one_said(tmp_path, capsy
     assert "belongs to a master_curve" in capsys.readouterr().err
     rows = "[[1.0, 8e6, 1e6], [1e6, 2e8, 1e8], [1e12, 2e9, 1e7]]"
     case = cases.load(tmp_path, [f"persson_friction.master_curve={rows}"])
-    scene = cases.build(case)
+    scene = case.scene
     acting = next(a for a in scene.acting if a.name == "persson_friction")
     assert any("no shift factor was given" in line for line in acting.effect.remarks(scene, acting.p))
 

@@ -10,7 +10,7 @@ import pytest
 
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.meshes import block_on_road
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.physics import closed_forms
 from flashtemp.physics.effect import Term, find
 from flashtemp.solver.balance import Balance
@@ -224,7 +224,7 @@ def test_error_in_time_follows_the_tolerance_through_all_events(lab):
 def test_worn_profile_of_backward_is_that_of_run_in():
     """cases/backward begins where cases/run_in ends: the file there is what the run writes."""
     case = load(CASES / "run_in")
-    run = march(build(case), settings(case))
+    run = march(case.scene, case.settings)
     x, worn = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1).T
     np.testing.assert_allclose(x, run.x, rtol=1e-6)
     np.testing.assert_allclose(worn, run.worn[-1], rtol=1e-4)
@@ -281,7 +281,7 @@ def test_a_start_profile_deeper_than_the_block_is_bad_input(lab):
 
 def test_state_starts_with_the_given_depth_at_ambient_temperature():
     case = load(CASES / "backward", {"numerics.cells": [12, 6, 6]})
-    balance = Balance(build(case))
+    balance = Balance(case.scene)
     y = balance.initial()
     assert balance.worn_depth(y).max() > 5e-4
     assert not y[: balance.n].any()

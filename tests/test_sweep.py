@@ -16,7 +16,7 @@ import xarray as xr
 
 from flashtemp.__main__ import main
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.runs import sweep
 from flashtemp.runs.workers import stream
 from flashtemp.solver.march import march
@@ -60,7 +60,7 @@ def test_every_combination_is_the_run_itself(case, tmp_path):
     assert found["contact.pressure"].attrs["units"] == "Pa"
     given = {"contact.pressure": 2e5, "schedule.speed": 0.2, "friction.mu": 0.8}
     made = load(case, given)
-    run = march(build(made), settings(made))
+    run = march(made.scene, made.settings)
     one = found.sel({"contact.pressure": 2e5, "schedule.speed": 0.2})
     assert float(one.rise_trailing_K) == run.summary["rise_trailing_K"]
     last = np.interp(found.place * 0.025, run.x, run.T_spot[run.last])

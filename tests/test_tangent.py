@@ -11,8 +11,8 @@ import pytest
 
 from flashtemp.discovery.generic import with_scatter
 from flashtemp.model import numerics
-from flashtemp.model.case import assemble, build, settings
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Move, explore
@@ -60,7 +60,7 @@ def _case(given):
 
 @cache
 def _scene(given):
-    return build(_case(given))
+    return _case(given).scene
 
 
 def frozen(given):
@@ -88,7 +88,7 @@ def moments(given):
 
 
 def asked(given, **changed):
-    return replace(settings(case(given)), times=moments(given), **changed)
+    return replace(case(given).settings, times=moments(given), **changed)
 
 
 @cache
@@ -256,7 +256,7 @@ def test_any_moment_may_be_asked_for():
     phases = scene({}).schedule.phases
     times = tuple(sorted({p.begin + f * (p.end - p.begin) for p in phases for f in (0.0, 1e-9, 1e-6, 5e-5, 0.5, 1.0)}))
     step = MOVES["friction.mu"][1]
-    own = replace(settings(case({})), times=times)
+    own = replace(case({}).settings, times=times)
     hood = explore(scene({}), own, {"mu": Move(scene({"friction.mu": 1.0 + step}), step)}, "", times)
     assert np.isin(times, hood.moved["mu"].time).all()
     assert len(hood.moved["mu"].frames) == len(times)

@@ -13,8 +13,8 @@ from scipy.sparse.linalg import splu
 from flashtemp.camera.observation import corner_length, observe, wall_cooling
 from flashtemp.camera.recording import Recording
 from flashtemp.meshes import block_on_road
-from flashtemp.model.case import assemble, build, settings
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.physics.effect import Factor, Heat
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
@@ -122,8 +122,8 @@ def test_camera_sees_the_wall_near_the_contact(lab):
     z, walls = np.arange(1, 21) * 2e-5, []
     for sized in ({"numerics.across": 20}, {"numerics.across": 60, "numerics.first_y": 2e-5}):
         made = assemble({}, given | sized, Places("none"), Path(), "wall")
-        scene = build(made)
-        run = march(scene, settings(made))
+        scene = made.scene
+        run = march(scene, made.settings)
         image = observe(run, scene, seen("sidewall", run.time[-1:], np.array([0.0125]), z)).temperature
         walls.append(image[0, :, 0] - run.ambient_degC)
     near, fine = walls
@@ -173,8 +173,8 @@ def test_camera_sees_the_wall_and_the_width(lab):
     given = SMALL | {"schedule__distance": 0.3, "numerics__behind": 1.1}
     made = assemble({}, {k.replace("__", "."): v for k, v in given.items()} | {
         "numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.5}, Places("none"), Path(), "seen")  # fmt: skip
-    scene = build(made)
-    run = march(scene, settings(made))
+    scene = made.scene
+    run = march(scene, made.settings)
     mesh = run.mesh
     end = np.array([run.time[-1]])
     u, v = (np.arange(10) + 0.5) * 2e-3, (np.arange(12) + 0.5) * 3e-4

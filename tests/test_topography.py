@@ -9,7 +9,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.model.case import build, load, settings
+from flashtemp.model.case import load
 from flashtemp.physics.friction import contact_map
 from flashtemp.physics.friction.spot_patterns import read_map
 from flashtemp.solver.march import march
@@ -84,7 +84,7 @@ fields = 3
 """
     )
     case = load(tmp_path)
-    run = march(build(case), settings(case))
+    run = march(case.scene, case.settings)
     assert run.maps["cover"].mean() == pytest.approx(told["fraction"], rel=0.35)
     assert run.energy_imbalance < 1e-10
     assert run.T_spot[-1].max() > run.T_block[-1].max() + 1.0

@@ -16,7 +16,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare, words
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.errors import BadInput
-from flashtemp.model.case import build, load
+from flashtemp.model.case import load
 
 SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
 
@@ -97,7 +97,7 @@ def test_the_truth_is_made_by_another_discretisation(case, null):
     seen = {"road.downstream": 0.042, "numerics.behind": WAKE, "numerics.above": ABOVE}
     wide, truth = seen, sealed(null)["numerics"]
     believed = load(null / "case.toml", wide)
-    fine, coarse = (build(c).mesh for c in (load(null / "case.toml", wide | truth), believed))
+    fine, coarse = (c.scene.mesh for c in (load(null / "case.toml", wide | truth), believed))
     for count in (lambda m: m.last - m.first, lambda m: m.n_road, lambda m: m.n_block, lambda m: m.n_lines - m.last):
         assert count(fine) >= 1.7 * count(coarse) - 1
     assert np.diff(fine.x)[fine.first] < np.diff(coarse.x)[coarse.first] / 1.75  # graded more than the factor makes it

@@ -15,8 +15,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 import flashtemp.viz
 from flashtemp.meshes.mesh import centres
-from flashtemp.model.case import assemble, build, settings
-from flashtemp.model.schema import Places
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 from flashtemp.viz import animation, budget, field, film, friction, maps, profile, theme, time_axis, worn
 
@@ -35,7 +35,7 @@ RUNS = {
 def simulate(name):
     small = {"numerics.mesh": 0.3, "output.profiles": 8, "output.fields": 2}
     case = assemble({}, small | RUNS[name], Places("x"), Path("."), name)
-    return march(build(case), settings(case), f"{name}, 0.15 MPa")
+    return march(case.scene, case.settings, f"{name}, 0.15 MPa")
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model.schema import read_toml
+from flashtemp.model.case_file import read_toml
 
 CHOICES = {
     "view": ("sidewall", "wake", "profile"),

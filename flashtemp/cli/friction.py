@@ -62,7 +62,7 @@ def _curves(asked, slowest: float, fastest: float):
     """The curves of a case.  Raises BadInput, SolverFailure."""
     import numpy as np
 
-    from flashtemp.model.theories import theory_of
+    from flashtemp.model.build import theory_of
     from flashtemp.physics.friction import friction_curves, theory_inputs
     from flashtemp.physics.friction.flash_temperature import Spots
 

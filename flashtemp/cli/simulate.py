@@ -148,11 +148,10 @@ def check(file: Path, /, *overrides: str, json: Json = False) -> int:
     overrides
         Keys of the case to change, as table.key=value.
     """
-    from flashtemp.model.case import build, load, settings
+    from flashtemp.model.case import load
 
     case = load(file, list(overrides))
-    settings(case)
-    scene = build(case)
+    scene = case.scene
     emit(
         {"ok": True, "case": case.name, "effects": list(case.effects), "cells": scene.mesh.n_cells}, json, f"{case}\nok"
     )

@@ -87,15 +87,15 @@ class _Asked:
     """What both commands read from a case: theory, rubber, spots, pressure Pa, background T0 K.  Raises BadInput."""
 
     def __init__(self, path: str, overrides, table: str):
-        from flashtemp.model.case import load, load_with
+        from flashtemp.model.build import theory_of
+        from flashtemp.model.case import load
         from flashtemp.model.schema import APART
-        from flashtemp.model.theories import theory_of
         from flashtemp.physics.friction.flash_temperature import Spots
 
         self.case, self.table = load(path, list(overrides)), table
         if table not in self.case.values:
             given = {f"{table}.{k}": p.value for k, p in APART[table].items() if p.value is not None}
-            self.case = load_with(self.case, given)
+            self.case = self.case.with_values(given)
         scene, acting = theory_of(self.case)
         self.acting, self.theory, self.rubber, self.T0 = acting, acting.p.theory, scene.block, scene.ambient
         self.values = self.case.values[table]

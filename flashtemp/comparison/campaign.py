@@ -10,7 +10,7 @@ from flashtemp.camera import recording, synthetic
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
-from flashtemp.model import schema
+from flashtemp.model import case_file, schema
 from flashtemp.physics.effect import catalogue
 from flashtemp.physics.interpolation import pairs
 
@@ -84,8 +84,8 @@ def load(path, planned: bool = False) -> Campaign:
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
-    text, raw = schema.read_toml(file)
-    where, faults, folder = schema.Places(str(file), text), [], file.parent
+    text, raw = case_file.read_toml(file)
+    where, faults, folder = case_file.Places(str(file), text), [], file.parent
     for key in raw.keys() - TOP:
         faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
     case = _case(raw, where, folder, faults)

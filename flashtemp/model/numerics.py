@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from typing import Any
 
 from flashtemp.errors import BadInput
 
@@ -42,3 +44,9 @@ def choose(name: str | None) -> str:
         what = " or ".join(f'"{h}"' for h in have)
         raise BadInput(f'numerics.integrator: "{name}" is not installed here; use {what}')
     return name
+
+
+def settings(values: Mapping[str, Mapping[str, Any]]) -> Settings:
+    """Numerics of a case's values {table: {key: value}}; BadInput when its CVODE binding is not installed."""
+    n, out = values["numerics"], values["output"]
+    return Settings(choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"])

@@ -43,6 +43,38 @@ class Moment(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Outline:
+    """A scene before it has a mesh: what `heat()` is asked on first.
+
+    The mesh follows from what effects say (how deep heat is released, whether the track is remembered), so effects are
+    asked twice: on this, and on the Scene.  It has all of a Scene that `heat()` may use.
+    """
+
+    block: Material
+    road: Material
+    schedule: Schedule
+    ambient: float
+    length: float
+    width: float
+    height: float
+    spot_diameter: float
+    spot_fraction: float
+    track_length: float | None
+    stiffness: float
+    resolved: bool
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Lowest and highest sliding speed given, m/s."""
+        return self.schedule.speed.range
+
+    @property
+    def load(self) -> float:
+        """Highest mean nominal contact pressure, Pa."""
+        return max(self.schedule.pressure.value)
+
+
+@dataclass(frozen=True)
 class Acting:
     """An effect with the values of its parameters."""
 
@@ -50,7 +82,7 @@ class Acting:
     effect: Effect
     p: SimpleNamespace
 
-    def contributions(self, scene: Scene) -> contributions.Parts:
+    def contributions(self, scene: Scene | Outline) -> contributions.Parts:
         """What the effect yields on a scene.  Raises BadInput when it names what is not there."""
         return contributions.of_balance(self.name, self.effect, scene, self.p)
 

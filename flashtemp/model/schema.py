@@ -1,15 +1,12 @@
-"""The declared keys of a case and the checks on them; effects declare their own."""
+"""The declared keys of a case and what each kind of value must be; effects declare their own."""
 
 from __future__ import annotations
 
-import re
-import tomllib
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from flashtemp.errors import BadInput, nearest
-from flashtemp.physics.effect import Param, catalogue
+from flashtemp.physics.effect import Effect, Param, catalogue
 
 LEVELS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
 NOTHING = Param(None, "", "")
@@ -137,198 +134,99 @@ MATERIAL = {
 }
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where a key stands: file and line, or what overrode it."""
-
-    file: str
-    text: str = ""
-    overridden: set[str] = field(default_factory=set)
-    by: str = "command line"
-
-    def __call__(self, dotted: str) -> str:
-        if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
-            return f"{dotted} ({self.by})"
-        line = self.line(dotted)
-        return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
-
-    def line(self, dotted: str) -> int | None:
-        """1-based line of a dotted key, or None for one that is not written there."""
-        prefix = ""
-        for number, raw in enumerate(self.text.splitlines(), 1):
-            line = raw.split("#", 1)[0].strip()
-            if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
-                prefix = header[1] + "."
-                if header[1] == dotted:
-                    return number
-            elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
-                return number
-        return None
-
-    def prefix(self, line: str) -> str:
-        """An error line that begins with its key, completed by where the key stands."""
-        key = line.split(":", 1)[0]
-        return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
-
-
-def read_toml(file: Path) -> tuple[str, dict]:
-    """Text and tables of a TOML file that exists.  Raises BadInput."""
-    try:
-        text = file.read_text(encoding="utf-8")
-        return text, tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
-
-
 def refinement(level: str | float) -> float:
     """Factor on the number of cells per direction of a numerics.mesh."""
-    return LEVELS.get(level, level)
+    return LEVELS[level] if isinstance(level, str) else level
 
 
-def declared(table: str) -> dict[str, Param]:
-    """All keys of a table of the case with their declarations."""
+def declared(table: str, known: Mapping[str, type[Effect]] | None = None) -> dict[str, Param]:
+    """All keys of a table of a case with their declarations; effects are looked up in `known`, or the catalogue."""
     if table.startswith("materials."):
         return MATERIAL
     out = dict(TABLES.get(table) or APART.get(table, {}))
-    for name, effect in catalogue().items():
+    for name, effect in (catalogue() if known is None else known).items():
         if (effect.section if effect.base else name) == table:
             out |= effect.params()
     return out
 
 
-def tables(raw: dict, effects, where: Places, faults: list[str]) -> dict[str, dict[str, Param]]:
-    """Tables this case may have: the base ones, those apart that it names, its materials, its effects."""
-    own = raw.get("materials", {})
-    if not isinstance(own, dict):
-        faults.append(f"{where('materials')}: {own!r}; write [materials.NAME] and its properties below it")
-        own = {}
-    names = [f"materials.{n}" for n in own]
-    out = {t: declared(t) for t in [*TABLES, *(t for t in APART if t in raw), *names, *effects]}
-    for n in names:
-        raw[n] = own[n.split(".", 1)[1]]
-    raw.pop("materials", None)
-    return out
+# --- kinds of values --------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Kind:
+    """A kind of value: which values are `meant` as it, and the `fault` of one, None when it is right."""
+
+    meant: Callable[[Any], bool]
+    fault: Callable[[Param, Any], str | None]
 
 
-def parse_overrides(overrides) -> dict[str, Any]:
-    """["a.b=1"] or {"a.b": 1} -> {"a.b": 1}; values are TOML, bare words are text."""
-    if not overrides:
-        return {}
-    if isinstance(overrides, dict):
-        return dict(overrides)
-    out = {}
-    for item in overrides:
-        key, eq, text = item.partition("=")
-        if not eq or not key.strip():
-            raise BadInput(
-                f"{item} (command line): not an override; write table.key=value, for example friction.mu=0.8"
-            )
-        try:
-            out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
-        except tomllib.TOMLDecodeError:
-            out[key.strip()] = text.strip()
-    return out
+def _any(value: Any) -> bool:
+    return True
 
 
-def merge(raw: dict, given: dict[str, Any], by: str) -> dict:
-    """Overrides, given `by` somebody, laid over the tables of a file; neither is changed."""
-    out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
-    if isinstance(out.get("materials"), dict):
-        out["materials"] = {k: dict(v) if isinstance(v, dict) else v for k, v in out["materials"].items()}
-    for dotted, value in given.items():
-        *path, last = dotted.split(".")
-        at = out
-        for step in path:
-            at = at.setdefault(step, {})
-            if not isinstance(at, dict):
-                raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
-        at[last] = value
-    return out
+def _text(value: Any) -> bool:
+    return isinstance(value, str)
 
 
-def names(raw: dict, key: str, known, where: Places, faults: list[str]) -> tuple[str, ...] | None:
-    """A list of effect names, each checked against the catalogue; None when not given."""
-    if key not in raw:
-        return None
-    value = raw[key]
-    if isinstance(value, str):
-        value = [v.strip() for v in value.split(",") if v.strip()]
-    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        faults.append(f"{where(key)}: {value!r}; give a list of names that `flashtemp effects` prints")
-        return ()
-    for name in value:
-        if name not in known:
-            why = (
-                "always acts; leave it out" if name in catalogue() else f"is not in the catalogue{nearest(name, known)}"
-            )
-            faults.append(f"{where(key)}: effect '{name}' {why}")
-    for name in {v for v in value if value.count(v) > 1}:
-        faults.append(f"{where(key)}: effect '{name}' is listed twice; once is enough")
-    return tuple(v for v in value if v in known)
+def _rows(value: Any) -> bool:
+    return isinstance(value, (list, dict))
 
 
-def check(table: str, declared: dict[str, Param], given, where: Places, faults: list[str]) -> dict[str, Any]:
-    """Values of one table with defaults; every fault is appended to `faults`."""
-    if not isinstance(given, dict):
-        faults.append(f"{where(table)}: {given!r} is not a table; write [{table}] and its keys below it")
-        return {}
-    for key in given:
-        if key not in declared:
-            faults.append(f"{where(f'{table}.{key}')}: unknown key{nearest(key, declared)}")
-    out = {}
-    for key, param in declared.items():
-        if key not in given:
-            out[key] = param.value
-            if param.value is None and declared is MATERIAL:
-                faults.append(f"{where(table)}: {key} is missing; give it in {param.unit}")
-            continue
-        value = given[key]
-        if value == "inf" and param.high == float("inf") and "number" in param.kinds:
-            value = float("inf")
-        if fault := wrong(param, value):
-            faults.append(f"{where(f'{table}.{key}')}: {value!r}; {fault}")
-        out[key] = value
-    return out
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def wrong(param: Param, value: Any) -> str | None:
-    """What is wrong with a value under its declaration, or None."""
-    kinds = param.kinds
-    if "flag" in kinds:
-        return None if isinstance(value, bool) else "give true or false"
-    if "whole" in kinds and not isinstance(value, bool) and isinstance(value, int):
+def _three(value: Any, good: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(good(v) for v in value)
+
+
+def _whole(param: Param, value: Any) -> str | None:
+    if isinstance(value, int) and not isinstance(value, bool):
         return param.fault(value)
-    if "whole" in kinds:
-        return f"give a whole number >= {param.low:g}"
-    if "name" in kinds:
-        return None if isinstance(value, str) and value else "give a name in quotes"
-    if "binding" in kinds:
-        return (
-            None
-            if value in ("auto", "scikits-odes", "scikit-sundae")
-            else 'give "auto", "scikits-odes" or "scikit-sundae"'
-        )
-    if "level" in kinds and isinstance(value, str):
-        return None if value in LEVELS else 'give "coarse", "medium", "fine" or a number'
-    if "cells" in kinds:
-        good = isinstance(value, list) and len(value) == 3 and all(isinstance(v, int) and 3 <= v <= 5000 for v in value)
-        return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
-    if "factors" in kinds:
-        good = (
-            isinstance(value, list)
-            and len(value) == 3
-            and all(isinstance(v, (int, float)) and not isinstance(v, bool) and 0.1 <= v <= 10 for v in value)
-        )
-        return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
-    if "amounts" in kinds:
-        if not isinstance(value, list) or not value:
-            return f"give a list of numbers ({param.unit}), at least one"
-        fault = next((f for f in map(param.fault, value) if f), None)
-        if fault is None and len(set(value)) < len(value):
-            return "give every number once"
-        return fault and fault.replace("a number", "numbers", 1)
-    if isinstance(value, str) and "text" in kinds:
-        return None if value else "give a file name"
-    if isinstance(value, (list, dict)) and "table" in kinds:
-        return None if value else "give at least one row"
-    return param.fault(value)
+    return f"give a whole number >= {param.low:g}"
+
+
+def _cells(param: Param, value: Any) -> str | None:
+    good = _three(value, lambda v: isinstance(v, int) and 3 <= v <= 5000)
+    return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
+
+
+def _factors(param: Param, value: Any) -> str | None:
+    good = _three(value, lambda v: _number(v) and 0.1 <= v <= 10)
+    return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
+
+
+def _amounts(param: Param, value: Any) -> str | None:
+    if not isinstance(value, list) or not value:
+        return f"give a list of numbers ({param.unit}), at least one"
+    fault = next((f for f in map(param.fault, value) if f), None)
+    if fault is None and len(set(value)) < len(value):
+        return "give every number once"
+    return fault and fault.replace("a number", "numbers", 1)
+
+
+def _one_of(names: tuple[str, ...], said: str) -> Callable[[Param, Any], str | None]:
+    return lambda param, value: None if value in names else said
+
+
+KINDS: dict[str, Kind] = {  # where a key may be of several kinds, the first that a value is meant as judges it
+    "flag": Kind(_any, lambda param, value: None if isinstance(value, bool) else "give true or false"),
+    "whole": Kind(_any, _whole),
+    "name": Kind(_any, lambda param, value: None if isinstance(value, str) and value else "give a name in quotes"),
+    "binding": Kind(
+        _any,
+        _one_of(("auto", "scikits-odes", "scikit-sundae"), 'give "auto", "scikits-odes" or "scikit-sundae"'),
+    ),
+    "level": Kind(_text, _one_of(tuple(LEVELS), 'give "coarse", "medium", "fine" or a number')),
+    "cells": Kind(_any, _cells),
+    "factors": Kind(_any, _factors),
+    "amounts": Kind(_any, _amounts),
+    "text": Kind(_text, lambda param, value: None if value else "give a file name"),
+    "table": Kind(_rows, lambda param, value: None if value else "give at least one row"),
+}
+
+
+def fault(param: Param, value: Any) -> str | None:
+    """What is wrong with a value under its declaration, or None."""
+    kinds = (kind for name, kind in KINDS.items() if name in param.kinds)
+    judge = next((kind.fault for kind in kinds if kind.meant(value)), Param.fault)
+    return judge(param, value)

@@ -49,14 +49,14 @@ def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None)
 
     Richardson's estimate on three levels; roads and blocks are refined on the same smooth map.
     """
-    scene, numerics = cases.build(case), cases.settings(case)
+    scene, numerics = case.scene, case.settings
     level = schema.refinement(case["numerics.mesh"])
     tight = replace(numerics, rtol=numerics.rtol / 10, profiles=4, fields=2)
     runs = []
     for factor in (0.5, 1.0, 2.0):
         watch(f"mesh x {factor:g}")
         finer = replace(case, values=case.values | {"numerics": case.values["numerics"] | {"mesh": level * factor}})
-        runs.append(march(cases.build(finer), tight))
+        runs.append(march(finer.scene, tight))
     watch("own tolerance")
     own = march(scene, replace(numerics, profiles=4, fields=2))
     values = np.array([numbers(r) for r in runs])

@@ -37,7 +37,7 @@ def simulate(
     `watch(progress, end)` is told about every step, `draw` makes the pictures.  Raises BadInput when `out` exists,
     Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
     """
-    scene, numerics = cases.build(case), cases.settings(case)
+    scene, numerics = case.scene, case.settings
     if out is None:
         return march(scene, numerics, case.title, None, _watcher(None, scene, watch))
     out = Path(out)
@@ -109,8 +109,8 @@ def resume(
         raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
     with _hold(work):
         case = cases.load(work)
-        scene, state = cases.build(case), load(work)
-        return _carry_out(case, scene, cases.settings(case), state, work, out, pvd, watch, say, draw)
+        scene, state = case.scene, load(work)
+        return _carry_out(case, scene, case.settings, state, work, out, pvd, watch, say, draw)
 
 
 def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -> Run:

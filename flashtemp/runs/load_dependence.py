@@ -18,8 +18,8 @@ import numpy as np
 
 from flashtemp.errors import FlashtempError, SolverFailure
 from flashtemp.model import case as cases
+from flashtemp.model.build import theory_of
 from flashtemp.model.scene import Acting, Scene
-from flashtemp.model.theories import theory_of
 from flashtemp.runs.workers import stream
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
@@ -61,9 +61,9 @@ class Asked:
 
 def friction_of(asked: Asked) -> float:
     """Load-weighted friction at the end of the last repetition; without heating all is at the ambient temperature."""
-    scene = cases.build(asked.case)
+    scene = asked.case.scene
     if not asked.cold:
-        run = march(scene, cases.settings(asked.case), asked.case.title)
+        run = march(scene, asked.case.settings, asked.case.title)
         return float(run.friction[run.last])
     phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
     stage = Stage(Balance(scene), phase)
@@ -205,7 +205,7 @@ def attribute(
     for overrides, heated in sets.values():
         for v in speeds:
             for p in pressures:
-                point = cases.load_with(case, overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
+                point = case.with_values(overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
                 asked.append(Asked(point, not heated))
     found = np.empty(len(asked))
     for done, (k, answer) in enumerate(stream(friction_of, asked, workers), 1):

@@ -257,7 +257,7 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
     from flashtemp.model.laws import Laws
 
     try:
-        scene = cases.build(cases.load(folder))
+        scene = cases.load(folder).scene
     except FlashtempError:
         return None
     now = scene.moment(scene.schedule.phases[0], 0.0)

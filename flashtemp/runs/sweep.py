@@ -9,7 +9,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 from flashtemp.model import case as cases
-from flashtemp.model import schema
+from flashtemp.model import case_file, schema
 from flashtemp.runs.folders import partial, stoppable
 from flashtemp.runs.workers import stream
 from flashtemp.solver.march import march
@@ -65,17 +65,18 @@ def plan(path, given: list[str]) -> Sweep:
         key, eq, text = item.partition("=")
         values = _split(text) if eq else []
         if len(values) < 2:
-            fixed |= schema.parse_overrides([item])
+            fixed |= case_file.parse_overrides([item])
             continue
         key = key.strip()
-        axes[key] = tuple(next(iter(schema.parse_overrides([f"{key}={v}"]).values())) for v in values)
+        axes[key] = tuple(next(iter(case_file.parse_overrides([f"{key}={v}"]).values())) for v in values)
         if any(v in axes[key][:i] for i, v in enumerate(axes[key])):
             raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
     if not axes:
         raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
     base = cases.load(path, fixed)
-    points = [
-        cases.load(path, fixed | dict(zip(axes, values, strict=True))) for values in itertools.product(*axes.values())
+    points = [  # copied, so that the many do not keep the scenes with which they were checked
+        replace(cases.load(path, fixed | dict(zip(axes, values, strict=True))))
+        for values in itertools.product(*axes.values())
     ]
     if len({p["schedule.repetitions"] for p in points}) > 1:
         raise BadInput("schedule.repetitions (command line): cannot be swept; repetitions are an axis of the result")
@@ -104,7 +105,7 @@ def _split(text: str) -> list[str]:
 
 def point(case: cases.Case) -> dict[str, np.ndarray]:
     """What one combination gives: profiles (repetitions, places) and numbers."""
-    run = march(cases.build(case), cases.settings(case), case.title)
+    run = march(case.scene, case.settings, case.title)
     ends = [int(np.flatnonzero(run.sliding & (run.repetition == r))[-1]) for r in np.unique(run.repetition)]
     at = PLACES * run.mesh.x[run.mesh.last]
     out = {name: np.array([np.interp(at, run.x, getattr(run, name)[k]) for k in ends]) for name in PROFILES}

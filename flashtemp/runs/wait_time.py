@@ -161,8 +161,8 @@ def _check(case: cases.Case, below: float, of: str) -> None:
 def _peak(case: cases.Case, wait: float, of: str) -> Peak:
     """March the case with another wait, without files."""
     other = replace(case, values=case.values | {"schedule": case.values["schedule"] | {"wait": wait}})
-    scene = cases.build(other)
-    run = march(scene, replace(cases.settings(other), fields=2))
+    scene = other.scene
+    run = march(scene, replace(other.settings, fields=2))
     highest = np.nanmax(getattr(run, CURVES[of]), axis=1)
     k = int(np.nanargmax(highest))
     first = float(np.nanmax(highest[run.repetition == 1]))

@@ -1,0 +1,265 @@
+"""Checked values of a case -> Scene: materials, schedule, acting effects and the mesh that follows from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Protocol
+
+import numpy as np
+
+from flashtemp.errors import BadInput, nearest
+from flashtemp.meshes import block_on_road
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.laws import Laws, laws_mean
+from flashtemp.model.scene import Acting, Outline, Scene
+from flashtemp.model.schedule import Schedule, Series, constant
+from flashtemp.model.schema import TABLES, refinement
+from flashtemp.physics import contributions
+from flashtemp.physics.effect import Deposit, Effect, Term
+from flashtemp.physics.interpolation import pairs
+from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.physics.quantities import KELVIN
+
+Values = Mapping[str, Mapping[str, Any]]
+Known = Mapping[str, type[Effect]]
+
+
+def scene(values: Values, effects: Known, folder: Path) -> Scene:
+    """The scene of checked values {table: {key: value}} under the effects that act, by name.
+
+    `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
+    """
+    v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
+    materials = {side: _material(values, f"{side}.material") for side in ("block", "road")}
+    acting = _acting(values, effects, folder)
+    speed, pressure = (_series(values, key, folder) for key in ("schedule.speed", "contact.pressure"))
+    plan = Schedule(speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted)
+    outline = Outline(
+        **materials,
+        schedule=plan,
+        ambient=v.ambient.temperature + KELVIN,
+        length=v.block.length,
+        width=v.block.width,
+        height=v.block.height,
+        spot_diameter=v.contact.spot_diameter,
+        spot_fraction=v.contact.spot_fraction,
+        track_length=v.road.track_length,
+        stiffness=v.block.stiffness,
+        resolved=v.numerics.across > 1,
+    )
+    said = [(part, a.p) for a in acting for part in a.contributions(outline)]
+    depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
+    remembers = _remembers(said)
+    schedule = _with_laps(plan, v, remembers)
+    mesh = _mesh(v, outline.road, schedule, remembers, depths)
+    if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
+        raise BadInput(
+            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
+            f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
+        )
+    built = Scene(
+        mesh=mesh,
+        block=outline.block,
+        road=outline.road,
+        schedule=schedule,
+        acting=acting,
+        ambient=outline.ambient,
+        length=outline.length,
+        height=outline.height,
+        spot_diameter=outline.spot_diameter,
+        spot_fraction=outline.spot_fraction,
+        track_length=outline.track_length,
+        stiffness=outline.stiffness,
+    )
+    _check(built)
+    return built
+
+
+class Theorised(Protocol):
+    """What `theory_of` asks of a case."""
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def known(self) -> Known: ...
+    @property
+    def effects(self) -> tuple[str, ...]: ...
+    @property
+    def name(self) -> str: ...
+
+
+def theory_of(case: Theorised) -> tuple[Scene, Acting]:
+    """The scene of a case, and the effect of it whose `p.theory` computes friction.  Raises BadInput without one."""
+    for acting in case.scene.acting:
+        if hasattr(acting.p, "theory"):
+            return case.scene, acting
+    able = " or ".join(f'"{name}"' for name, effect in case.known.items() if "master_curve" in effect.params())
+    said = f"{case.name}: effects: {list(case.effects)}; none computes friction from a spectrum and a master curve"
+    raise BadInput(f"{said}, add {able}")
+
+
+# --- effects -----------------------------------------------------------------------------------------
+def _acting(values: Values, effects: Known, folder: Path) -> tuple[Acting, ...]:
+    """Every effect with its parameters, tables read; what it yields on the camera is checked."""
+    acting = []
+    for name, effect in effects.items():
+        section = values[str(effect.section) if effect.base else name]
+        given = effect.prepare({k: section[k] for k in effect.params()}, folder)
+        acting.append(Acting(name, effect(), SimpleNamespace(**given)))
+        contributions.of_camera(name, acting[-1].effect, acting[-1].p)
+    return tuple(acting)
+
+
+def _depths(deposits: list[Deposit]) -> list[float]:
+    """Depths (m) at which heat is released; BadInput when it is more than there is."""
+    total = sum(d.share for d in deposits)
+    if total > 1 + 1e-12:
+        raise BadInput(
+            f"friction.volumetric_share: all shares released inside the rubber sum to {total:g}; give at most 1 in all"
+        )
+    return [d.depth for d in deposits if d.share > 0]
+
+
+def _remembers(said: list[tuple[Any, Any]]) -> bool:
+    """Whether any effect lets heat on the track come round: tried with one kelvin."""
+    probe = SimpleNamespace(carried=1.0)
+    inflow = [(part, p) for part, p in said if isinstance(part, Term) and part.target == "road.inflow"]
+    return any(part.law(None, probe, p) != 0 for part, p in inflow)
+
+
+# --- materials and schedule --------------------------------------------------------------------------
+def _material(values: Values, key: str) -> Material:
+    """The material that a key names: one of the case's own, or of the library."""
+    table, last = key.split(".")
+    name = values[table][last]
+    own = {t.split(".", 1)[1]: d for t, d in values.items() if t.startswith("materials.")}
+    if name in own:
+        return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
+    if name in LIBRARY:
+        return LIBRARY[name]
+    raise BadInput(f"{key}: no material '{name}'{nearest(name, [*own, *LIBRARY])}; or add [materials.{name}]")
+
+
+def _series(values: Values, key: str, folder: Path) -> Series:
+    """A number, or a file of time against value, as a function of time."""
+    table, last = key.split(".")
+    value = values[table][last]
+    if isinstance(value, (int, float)):
+        return constant(value)
+    x, y = pairs(value, folder, key, 0.0, TABLES[table][last].high)
+    if x[0] < 0:
+        raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
+    if max(y) <= 0:
+        raise BadInput(f"{key}: is zero throughout; give values > 0")
+    return Series(x, y)
+
+
+def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
+    """The schedule, whose laps are events where the track is remembered; BadInput when its distance is never slid."""
+    schedule = replace(plan, lap=v.road.track_length if remembers else None)
+    if not math.isfinite(schedule.slide_time):
+        raise BadInput(
+            f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; "
+            "give a speed that stays > 0"
+        )
+    return schedule
+
+
+# --- mesh --------------------------------------------------------------------------------------------
+def _mesh(v: Any, road: Material, schedule: Schedule, remembers: bool, depths: list[float]) -> Mesh:
+    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released."""
+    level = refinement(v.numerics.mesh)
+    refine = tuple(level * f for f in v.numerics.finer)
+    first = _first_cell(v, refine[1], depths)
+    _check_cells(v, level, refine)
+    return block_on_road.build(
+        length=v.block.length,
+        height=v.block.height,
+        depth=_road_depth(v, road, schedule, remembers),
+        cells=tuple(v.numerics.cells),
+        first_x=v.numerics.first_x,
+        last_x=v.numerics.last_x,
+        first_block=first,
+        first_road=v.numerics.first_road,
+        upstream=v.road.upstream,
+        downstream=v.road.downstream,
+        refine=refine,
+        behind=v.numerics.behind,
+        above=v.numerics.above,
+        width=v.block.width,
+        across=v.numerics.across,
+        first_y=v.numerics.first_y,
+        refine_y=level,
+    )
+
+
+def _first_cell(v: Any, refine: float, depths: list[float]) -> float:
+    """First cell (m) of the block at the interface: half the shallowest depth where not given."""
+    first = v.numerics.first_block
+    if first is None:
+        first = max(2e-7, min([4e-6] + [d / 2 for d in depths]))
+    if depths and first / max(refine, 1e-9) > 4 * min(depths):
+        raise BadInput(
+            f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "
+            f"{min(depths):.3g} m; give <= {2 * min(depths):.3g} m or count that share as interfacial"
+        )
+    if first > v.block.height / 4:
+        raise BadInput(
+            f"numerics.first_block: {first:g} m is more than a quarter of block.height; give a smaller first cell"
+        )
+    return float(first)
+
+
+def _check_cells(v: Any, level: float, refine: tuple[float, ...]) -> None:
+    """BadInput for more cells than a run can have, and for end cells that do not fit."""
+    along, up, down = (n * f for n, f in zip(v.numerics.cells, refine, strict=True))
+    across = 1 if v.numerics.across == 1 else v.numerics.across * level
+    cells = along * (up + v.numerics.above * refine[1] + down) * across
+    if cells > 2e7:
+        raise BadInput(
+            f"numerics.mesh: {v.numerics.mesh} gives about {cells:.2g} cells; at most 2e7, give a coarser mesh"
+        )
+    for key, which in (("last_x", "last"), ("first_x", "first")):
+        size = getattr(v.numerics, key)
+        if size > v.block.length / 4:
+            raise BadInput(
+                f"numerics.{key}: {size:g} m is more than a quarter of block.length; give a smaller {which} cell"
+            )
+
+
+def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool) -> float:
+    """Depth (m) of road simulated: six diffusion lengths of the time that it has, where not given."""
+    depth = v.road.depth
+    if depth is None:
+        v0 = min(s for s in schedule.speed.value if s > 0)
+        rest = schedule.end if remembers or not schedule.lifted else schedule.wait
+        depth = 6 * math.sqrt(road.diffusivity * ((v.block.length + v.road.downstream) / v0 + rest))
+        depth = np.clip(depth, 1e-3, 0.2)
+    if v.numerics.first_road > depth / 4:
+        raise BadInput(
+            f"numerics.first_road: {v.numerics.first_road:g} m is more than a quarter of the road's depth; "
+            "give a smaller first cell"
+        )
+    return float(depth)
+
+
+# --- what only the whole scene can tell --------------------------------------------------------------
+def _check(built: Scene) -> None:
+    """BadInput where block, spots and pressure of a scene cannot be."""
+    laws, now, mesh = Laws(built), built.moment(built.schedule.phases[0], 0.0), built.mesh
+    worn = laws_mean(laws, "block.worn", mesh, now, 0.0).max()
+    if worn >= built.height:
+        raise BadInput(
+            f"block.height: {built.height:g} m is not more than the {worn:g} m worn off its face at the start; "
+            "give that profile in m"
+        )
+    laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
+    mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length
+    if not mean > 0:
+        raise BadInput(
+            f"contact.pressure: its profile is {mean:g} on average under the block; give a profile > 0 on average"
+        )

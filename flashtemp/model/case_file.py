@@ -1,0 +1,205 @@
+"""A case file as text: reading TOML, where each key stands, overrides laid over it, and the checks on its tables."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flashtemp.errors import BadInput, nearest
+from flashtemp.model.schema import APART, MATERIAL, TABLES, declared, fault
+from flashtemp.physics.effect import Effect, Param
+
+Table = dict[str, Any]
+Known = Mapping[str, type[Effect]]
+LISTS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a key stands: file and line, or what overrode it."""
+
+    file: str
+    text: str = ""
+    overridden: set[str] = field(default_factory=set)
+    by: str = "command line"
+
+    def __call__(self, dotted: str) -> str:
+        if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
+            return f"{dotted} ({self.by})"
+        line = self.line(dotted)
+        return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
+
+    def line(self, dotted: str) -> int | None:
+        """1-based line of a dotted key, or None for one that is not written there."""
+        prefix = ""
+        for number, raw in enumerate(self.text.splitlines(), 1):
+            line = raw.split("#", 1)[0].strip()
+            if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
+                prefix = header[1] + "."
+                if header[1] == dotted:
+                    return number
+            elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
+                return number
+        return None
+
+    def prefix(self, line: str) -> str:
+        """An error line that begins with its key, completed by where the key stands."""
+        key = line.split(":", 1)[0]
+        return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
+
+
+def read_toml(file: Path) -> tuple[str, Table]:
+    """Text and tables of a TOML file that exists.  Raises BadInput."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
+
+
+def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Table:
+    """["a.b=1"] or {"a.b": 1} -> {"a.b": 1}; values are TOML, bare words are text.  Raises BadInput."""
+    if not overrides:
+        return {}
+    if isinstance(overrides, Mapping):
+        return dict(overrides)
+    out = {}
+    for item in overrides:
+        key, eq, text = item.partition("=")
+        if not eq or not key.strip():
+            raise BadInput(
+                f"{item} (command line): not an override; write table.key=value, for example friction.mu=0.8"
+            )
+        try:
+            out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
+        except tomllib.TOMLDecodeError:
+            out[key.strip()] = text.strip()
+    return out
+
+
+def merge(raw: Table, given: Table, by: str) -> Table:
+    """Overrides, given `by` somebody, laid over the tables of a file; neither is changed.  Raises BadInput."""
+    out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
+    if isinstance(out.get("materials"), dict):
+        out["materials"] = {k: dict(v) if isinstance(v, dict) else v for k, v in out["materials"].items()}
+    for dotted, value in given.items():
+        *path, last = dotted.split(".")
+        at = out
+        for step in path:
+            at = at.setdefault(step, {})
+            if not isinstance(at, dict):
+                raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
+        at[last] = value
+    return out
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far."""
+
+    known: Known
+    where: Places
+    faults: list[str] = field(default_factory=list)
+
+    def fault(self, key: str, said: str) -> None:
+        """Note what is wrong with a key, after the place where it stands."""
+        self.faults.append(f"{self.where(key)}: {said}")
+
+    def names(self, raw: Table, key: str, allowed: Collection[str]) -> tuple[str, ...] | None:
+        """A list of effect names, each checked against those known; None when not given."""
+        if key not in raw:
+            return None
+        value = listed(raw[key])
+        if value is None:
+            self.fault(key, f"{raw[key]!r}; give a list of names that `flashtemp effects` prints")
+            return ()
+        for name in value:
+            if name not in allowed:
+                always = name in self.known
+                why = "always acts; leave it out" if always else f"is not in the catalogue{nearest(name, allowed)}"
+                self.fault(key, f"effect '{name}' {why}")
+        for name in {v for v in value if value.count(v) > 1}:
+            self.fault(key, f"effect '{name}' is listed twice; once is enough")
+        return tuple(v for v in value if v in allowed)
+
+    def values(self, raw: Table, effects: Collection[str], resting: Collection[str]) -> dict[str, Table]:
+        """Every table that this case may have, with its defaults; tables of `resting` effects may stand unused."""
+        raw, tables = self._tables(raw, effects)
+        for table in raw:
+            if table in tables or table in LISTS or table in resting:
+                continue
+            if table in self.known and not self.known[table].base:
+                self.fault(table, f'table of an effect that is not listed; add "{table}" to effects')
+            else:
+                self.fault(table, f"unknown key{nearest(table, [*tables, 'title', 'effects', 'free'])}")
+        return {t: self._table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
+
+    def _tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:
+        """Raw tables with every material one of its own, and the declared keys of all that this case may have."""
+        own = raw.get("materials", {})
+        if not isinstance(own, dict):
+            self.fault("materials", f"{own!r}; write [materials.NAME] and its properties below it")
+            own = {}
+        names = [f"materials.{n}" for n in own]
+        apart = [t for t in APART if t in raw]
+        flat = {k: v for k, v in raw.items() if k != "materials"} | {f"materials.{n}": v for n, v in own.items()}
+        return flat, {t: declared(t, self.known) for t in [*TABLES, *apart, *names, *effects]}
+
+    def _table(self, table: str, keys: dict[str, Param], given: Any) -> Table:
+        """Values of one table with its defaults."""
+        if not isinstance(given, dict):
+            self.fault(table, f"{given!r} is not a table; write [{table}] and its keys below it")
+            return {}
+        for key in given:
+            if key not in keys:
+                self.fault(f"{table}.{key}", f"unknown key{nearest(key, keys)}")
+        out = {}
+        for key, param in keys.items():
+            if key not in given:
+                out[key] = param.value
+                if param.value is None and keys is MATERIAL:
+                    self.fault(table, f"{key} is missing; give it in {param.unit}")
+                continue
+            value = given[key]
+            if value == "inf" and param.high == float("inf") and "number" in param.kinds:
+                value = float("inf")
+            if said := fault(param, value):
+                self.fault(f"{table}.{key}", f"{value!r}; {said}")
+            out[key] = value
+        return out
+
+    def free(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
+        """The keys that a fit may move; friction.mu where the case does not say."""
+        free = raw.get("free", ["friction.mu"])
+        known = [f"{t}.{k}" for t in values for k, p in declared(t, self.known).items() if "number" in p.kinds]
+        if not isinstance(free, list):
+            self.fault("free", f'{free!r}; give a list, for example ["friction.mu"]')
+            return ()
+        for n, key in enumerate(free):
+            if key not in known:
+                self.fault("free", f"{key!r} is not a parameter of this case{nearest(str(key), known)}")
+            elif key in free[:n]:
+                self.fault("free", f"'{key}' is listed twice; once is enough")
+        return tuple(free)
+
+    def title(self, raw: Table, otherwise: str) -> str:
+        """The title, or what stands for it."""
+        title = raw.get("title", otherwise)
+        if not isinstance(title, str):
+            self.fault("title", f"{title!r}; give text in quotes")
+        return str(title)
+
+
+def listed(value: Any) -> list[str] | None:
+    """Names in a list, or in one text between commas; None for anything else.
+
+    >>> listed("wear, edge_pressure"), listed(["wear"]), listed(3)
+    (['wear', 'edge_pressure'], ['wear'], None)
+    """
+    if isinstance(value, str):
+        return [v.strip() for v in value.split(",") if v.strip()]
+    return value if isinstance(value, list) and all(isinstance(v, str) for v in value) else None

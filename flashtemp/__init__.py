@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "load": "model.case",
-    "build": "model.case",
-    "Case": "model.case",
-    "simulate": "api.simulation",
-    "Run": "solver.run",
-    "open_fields": "runs.vtk",
-    "Effect": "physics.effect",
-    "Param": "physics.effect",
-    "catalogue": "physics.effect",
-    "converge": "runs.convergence",
-    "BadInput": "errors",
-    "SolverFailure": "errors",
+    "api.inputs": ["load"],
+    "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
+    "api.questions": ["sweep", "converge", "repetitions", "wait"],
+    "api.camera": ["import_recording", "recording_template"],
+    "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
+    "api.friction": ["friction", "loads", "tread", "tyre", "spots", "spectrum"],
+    "api.effects": ["effects"],
+    "model.case": ["Case"],
+    "solver.run": ["Run"],
+    "comparison.campaign": ["Campaign"],
+    "discovery.verdict": ["Verdict"],
+    "errors": ["BadInput", "SolverFailure"],
 }
-__all__ = sorted(_PUBLIC)
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+__all__ = sorted([*_HOME, "physics"])
 
 
-def __getattr__(name: str):
-    if name in _PUBLIC:
-        return getattr(import_module(f"flashtemp.{_PUBLIC[name]}"), name)
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"flashtemp.{_HOME[name]}"), name)
+    if name == "physics":
+        return import_module("flashtemp.physics")
     raise AttributeError(f"module 'flashtemp' has no attribute '{name}'")
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return __all__

@@ -24,7 +24,6 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.cli.terminal import finite
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import calibration, discover, prediction, problem
@@ -35,6 +34,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue, find
 from flashtemp.runs.workers import crew
+from flashtemp.showing import finite
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import flashtemp
-from flashtemp import catalogue, load
+from flashtemp import load
 from flashtemp.errors import SolverFailure
-from flashtemp.physics.effect import Effect, Param
+from flashtemp.physics.effect import Effect, Param, catalogue
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import Stage

@@ -47,7 +47,7 @@ def folder(tmp_path_factory):
 def result(folder, tmp_path_factory):
     """A whole result folder and its Run."""
     out = tmp_path_factory.mktemp("out") / "small"
-    run = simulate(load(folder, SMALL), out, pvd=True)
+    run = simulate(load(folder, SMALL), out=out, pvd=True)
     return out, run
 
 
@@ -82,7 +82,7 @@ def test_files_of_the_contract(result):
 
 def test_result_can_be_run_again_from_what_it_holds(result, tmp_path):
     out, run = result
-    again = simulate(load(out), tmp_path / "again")
+    again = simulate(load(out), out=tmp_path / "again")
     np.testing.assert_array_equal(again.T_block, run.T_block)
 
 
@@ -145,14 +145,14 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
     out.mkdir()
     (out / "precious.txt").write_text("mine")
     with pytest.raises(flashtemp.BadInput, match="exists"):
-        simulate(load(folder, SMALL), out)
+        simulate(load(folder, SMALL), out=out)
     with pytest.raises(flashtemp.BadInput, match="no result of flashtemp"):
-        simulate(load(folder, SMALL), out, overwrite=True)
+        simulate(load(folder, SMALL), out=out, overwrite=True)
     assert (out / "precious.txt").read_text() == "mine"
     again = tmp_path / "again"
-    simulate(load(folder, SMALL), again)
+    simulate(load(folder, SMALL), out=again)
     (again / "note.txt").write_text("old")
-    simulate(load(folder, SMALL), again, overwrite=True)
+    simulate(load(folder, SMALL), out=again, overwrite=True)
     assert (again / "run.nc").exists()
     assert not (again / "note.txt").exists()
     assert {p.name for p in tmp_path.iterdir()} == {"out", "again"}
@@ -161,12 +161,12 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
 def test_two_runs_into_one_folder_do_not_meet(folder, tmp_path):
     def intrude(progress, end):
         with pytest.raises(flashtemp.BadInput, match="another run"):
-            simulate(load(folder, SMALL), tmp_path / "out", overwrite=True)
+            simulate(load(folder, SMALL), out=tmp_path / "out", overwrite=True)
         watched.append(progress.t)
 
     watched = []
     short = SMALL | {"schedule.repetitions": 1, "schedule.distance": 0.01}
-    simulate(load(folder, short), tmp_path / "out", watch=intrude)
+    simulate(load(folder, short), out=tmp_path / "out", watch=intrude)
     assert watched
     assert (tmp_path / "out" / "run.nc").exists()
 
@@ -176,7 +176,7 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
         os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        simulate(load(folder, SMALL), tmp_path / "out", watch=stop)
+        simulate(load(folder, SMALL), out=tmp_path / "out", watch=stop)
     case = tmp_path / "out.partial" / "case.toml"
     text = case.read_text()
     case.write_text(text.replace("mesh = 0.4", "mesh = 0.5"))
@@ -192,7 +192,7 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
 def test_a_failure_leaves_nothing(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(job.vtk, "write", lambda *a: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        simulate(load(folder, SMALL), tmp_path / "out")
+        simulate(load(folder, SMALL), out=tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -210,11 +210,11 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        simulate(load(folder, SMALL), out, watch=stop)
+        simulate(load(folder, SMALL), out=out, watch=stop)
     assert not out.exists()
     assert (tmp_path / "out.partial" / job.CHECKPOINT).exists()
     with pytest.raises(flashtemp.BadInput, match="--resume"):
-        simulate(load(folder, SMALL), out)
+        simulate(load(folder, SMALL), out=out)
     run = resume(out)
     assert out.exists()
     assert not (tmp_path / "out.partial").exists()
@@ -308,7 +308,7 @@ def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
     def look(progress, end):
         kept.append((tmp_path / "out.partial" / job.CHECKPOINT).exists())
 
-    simulate(load(folder, SMALL), tmp_path / "out", watch=look)
+    simulate(load(folder, SMALL), out=tmp_path / "out", watch=look)
     assert any(kept)
     assert not (tmp_path / "out" / job.CHECKPOINT).exists()
 

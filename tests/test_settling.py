@@ -240,7 +240,7 @@ def result(tmp_path_factory):
         "output.profiles": 12, "output.pictures": False, "output.vtk": False, "output.fields": 2,
     }  # fmt: skip
     out = folder / "result"
-    return out, simulate(load(folder, values), out)
+    return out, simulate(load(folder, values), out=out)
 
 
 def test_pressure_of_a_simulation_relaxes_as_theory_says(result):

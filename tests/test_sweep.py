@@ -46,11 +46,11 @@ def case(tmp_path):
 
 
 def carried(case, out, *given, **how):
-    asked = sweep.plan(case, list(given))
+    asked = sweep.plan(case, *sweep.parsed(list(given)))
     with sweep.folder(out, asked) as work:
-        found, failed = sweep.carry_out(asked, work, **how)
-        sweep.save(asked, found, failed, work)
-    return found, failed
+        found = sweep.carry_out(asked, work, **how)
+        found.save(work)
+    return found.dataset, found.failed
 
 
 def test_every_combination_is_the_run_itself(case, tmp_path):
@@ -96,7 +96,7 @@ def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
 def test_a_changed_file_is_another_point(case, tmp_path):
     (case / "p.csv").write_text("0.0,1.5\n0.025,0.5\n")
     given = ["effects=pressure_profile", "pressure_profile.profile=p.csv"]
-    first = sweep.plan(case, [*given, "schedule.speed=0.1,0.2"]).points[0]
+    first = sweep.plan(case, *sweep.parsed([*given, "schedule.speed=0.1,0.2"])).points[0]
     name = sweep._name(first)
     (case / "p.csv").write_text("0.0,0.5\n0.025,1.5\n")
     assert sweep._name(first) != name

@@ -32,7 +32,7 @@ def folders(tmp_path_factory):
         file = tmp_path_factory.mktemp(name) / "case.toml"
         file.write_text(f'title = "{name} block"\n')
         out[name] = file.parent / "out"
-        simulate(load(file, SMALL | given), out[name])
+        simulate(load(file, SMALL | given), out=out[name])
     return out
 
 

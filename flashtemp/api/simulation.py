@@ -1,43 +1,54 @@
-"""Simulate a case, with its pictures."""
+"""Simulate a case, with its pictures; look at it in space; check it beforehand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from flashtemp.api.inputs import Overrides, Say, case_of, silent
+from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
-from flashtemp.runs import job
+from flashtemp.runs import job, vtk
+from flashtemp.runs.vtk import Fields
+from flashtemp.showing import Shown
 from flashtemp.solver.march import Progress
 from flashtemp.solver.run import Run
 
+Watch = Callable[[Progress, float], Any]
+
+
+def check(case: str | Path | Case, overrides: Overrides | None = None) -> Case:
+    """A case with everything that a run needs of it tried: numerics, mesh and effects.  Raises BadInput."""
+    return case_of(case, overrides)
+
 
 def simulate(
-    case: Case,
-    out: Path | None = None,
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    out: str | Path | None = None,
     overwrite: bool = False,
     pvd: bool = False,
-    watch: Callable[[Progress, float], None] | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    watch: Watch | None = None,
+    say: Say = silent,
 ) -> Run:
     """March a case and, with `out`, leave a whole result folder with pictures there.
 
-    `watch(progress, end)` is told about every step.  Raises BadInput when `out` exists,
-    Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
+    `watch(progress, end)` is told about every step; `pvd` adds a series for older ParaView.  Raises BadInput, also
+    when `out` exists, Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
     """
-    return job.simulate(case, out, overwrite, pvd, watch, say, _draw)
+    folder = None if out is None else Path(out)
+    return job.simulate(case_of(case, overrides), folder, overwrite, pvd, watch, say, _draw)
 
 
-def resume(
-    folder: Path,
-    pvd: bool = False,
-    watch: Callable[[Progress, float], None] | None = None,
-    say: Callable[[str], None] = lambda text: None,
-) -> Run:
+def resume(folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = silent) -> Run:
     """Go on with an interrupted run from its checkpoint.  Raises BadInput, Interrupted, SolverFailure."""
-    return job.resume(folder, pvd, watch, say, _draw)
+    return job.resume(Path(folder), pvd, watch, say, _draw)
 
 
-def _draw(run: Run, folder: Path, animated: bool, say: Callable[[str], None]) -> None:
+def _draw(run: Run, folder: Path, animated: bool, say: Say) -> None:
     """Pictures of a run and, where something moves in it, its animations."""
     from flashtemp import viz
 
@@ -46,3 +57,68 @@ def _draw(run: Run, folder: Path, animated: bool, say: Callable[[str], None]) ->
     if animated and any(viz.applies(module, run) for module in viz.ANIMATIONS):
         say("drawing the animation")
         viz.animate(run, folder)
+
+
+def open_fields(folder: str | Path) -> Fields:
+    """The temperature fields of a result folder, over time.  Raises BadInput."""
+    return vtk.open_fields(folder)
+
+
+@dataclass(frozen=True, repr=False)
+class Viewed(Shown):
+    """What `view` has shown: a moment in s, in a `screenshot` or a window, by VTK or without it."""
+
+    screenshot: Path | None
+    time: float
+    vtk: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """For --json."""
+        return {"screenshot": str(self.screenshot), "time": self.time, "vtk": self.vtk}
+
+    def __str__(self) -> str:
+        return str(self.screenshot or "closed")
+
+
+def view(
+    folder: str | Path | Fields, *, screenshot: str | Path | None = None, time: float | None = None, say: Say = silent
+) -> Viewed:
+    """Block and road of a result folder in space, in a window or drawn into a .png file.
+
+    `time` in s, the last kept one when not given.  Raises BadInput.
+    """
+    fields = folder if isinstance(folder, Fields) else open_fields(folder)
+    t = float(fields.times[-1]) if time is None else time
+    if not fields.times[0] <= t <= fields.times[-1]:
+        raise BadInput(f"--time: {t:g} s; give a moment from {fields.times[0]:g} to {fields.times[-1]:g} s")
+    if screenshot is None:
+        return _window(fields, t)
+    file = Path(screenshot)
+    if file.suffix != ".png" or not file.absolute().parent.is_dir():
+        raise BadInput(f"--screenshot: {file}; give a .png file in a folder that exists")
+    return _screenshot(fields, t, file, say)
+
+
+def _window(fields: Fields, t: float) -> Viewed:
+    from flashtemp.viz import window
+
+    if not window.on_screen():
+        raise BadInput("view: there is no screen here; draw into a file with --screenshot FILE.png")
+    from flashtemp.viz import space
+
+    space.show(fields, t)
+    return Viewed(None, t, True)
+
+
+def _screenshot(fields: Fields, t: float, file: Path, say: Say) -> Viewed:
+    from flashtemp.viz import window
+
+    able = window.off_screen()
+    from flashtemp.viz import space
+
+    if able:
+        space.screenshot(fields, t, file)
+    else:
+        say(f"drawn without VTK, which finds no window here: install {window.MISSING}")
+        space.plain(fields, t).savefig(file)
+    return Viewed(file, t, able)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -14,65 +13,63 @@ from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Plan
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
+from flashtemp.showing import Sheet, Shown
 
 MM = 1e-3
-NO_CAMERA_FILE = {".toml", ".md", ".nc", ".xml", ".ini", ".py"}  # not taken out of a folder by itself
 CAMERA = {  # fact: attribute of the recording
     "netd": "netd_K", "fixed_pattern": "fixed_pattern_K", "psf_sigma": "psf_sigma_px", "exposure": "exposure_s",
     "registration_sigma": "registration_sigma_px",
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Imported:
-    """A recording with what was recognised and done on the way (`notes`), its files, and the block (m) if known."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Imported(Shown):
+    """A recording with what was recognised and done on the way (`notes`), its files, and the block (m) if known.
+
+    `saved` is where it was written, `picture` the file that shows where it lies.
+    """
 
     recording: Recording
     notes: tuple[str, ...]
     files: tuple[Path, ...]
     block: tuple[float, float] | None = None
+    saved: Path | None = None
+    picture: Path | None = None
 
     def as_dict(self) -> dict:
         """Plain numbers and text for JSON."""
         r = self.recording
         T = r.temperature[np.isfinite(r.temperature)]
         known = {f.name: v for f in fields(r) if isinstance(v := getattr(r, f.name), (int, float))}
-        return {
-            "view": r.view,
-            "files": [str(f) for f in self.files],
-            "recognised": list(self.notes),
-            "frames": r.frames,
-            "pixels": [len(r.v), len(r.u)],
-            "u_m": [float(r.u[0]), float(r.u[-1])],
-            "v_m": [float(r.v[0]), float(r.v[-1])],
-            "time_s": [float(r.time[0]), float(r.time[-1])],
-            "repetitions": [int(r.repetition.min()), int(r.repetition.max())],
-            "temperature_degC": [float(T.min()), float(T.max())],
-            "dead_share": float(1 - T.size / r.temperature.size),
-        } | known
+        return (
+            {
+                "view": r.view,
+                "files": [str(f) for f in self.files],
+                "recognised": list(self.notes),
+                "frames": r.frames,
+                "pixels": [len(r.v), len(r.u)],
+                "u_m": [float(r.u[0]), float(r.u[-1])],
+                "v_m": [float(r.v[0]), float(r.v[-1])],
+                "time_s": [float(r.time[0]), float(r.time[-1])],
+                "repetitions": [int(r.repetition.min()), int(r.repetition.max())],
+                "temperature_degC": [float(T.min()), float(T.max())],
+                "dead_share": float(1 - T.size / r.temperature.size),
+            }
+            | known
+            | {name: path and str(path) for name, path in self._written().items()}
+        )
 
+    def _written(self) -> dict[str, Path | None]:
+        return {"recording": self.saved, "picture": self.picture}
 
-def found(names: list[str], folder: Path = Path()) -> list[Path]:
-    """Files of names, patterns and folders, in the order given and then by name (img2 before img10)."""
-    out: list[Path] = []
-    for name in names:
-        path = folder / name
-        if path.is_dir():
-            inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
-            some = [p for p in inside if p.suffix.lower() not in NO_CAMERA_FILE]
-        elif any(c in name for c in "*?[") and not path.exists():
-            root, pattern = (
-                (Path(path.anchor), str(path.relative_to(path.anchor))) if path.is_absolute() else (Path(), str(path))
-            )
-            some = [p for p in root.glob(pattern) if p.is_file()]
-        else:
-            some = [path]
-        if not some:
-            raise BadInput(f"{path}: no camera files there; give files, a folder or a pattern that matches some")
-        out += sorted(some, key=lambda p: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(p))])
-    if not out:
-        raise BadInput("no camera files; give files, a folder or a recording template (.toml)")
-    return out
+    def __str__(self) -> str:
+        if self.saved is None:
+            return str(self.recording)
+        return f"{self.recording}\n  in {self.saved}" + (f", registration in {self.picture}" if self.picture else "")
+
+    def sheet(self) -> Sheet:
+        written = [f"{name} in {path}" for name, path in self._written().items() if path]
+        return replace(self.recording.sheet(), notes=[*self.notes, *written])
 
 
 def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Imported:

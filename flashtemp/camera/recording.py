@@ -10,6 +10,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.showing import Sheet, Shown
 
 VIEWS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
@@ -28,8 +29,8 @@ OPTIONAL = {  # attribute: unit, lowest, highest value
 }
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown):
     """Frames of one view: `temperature` (frames, nv, nu) degC, NaN = dead pixel; a profile has nv = 1.
 
     `time` (frames,) s from the first start of sliding, `repetition` (frames,) 1-based, during a wait the
@@ -61,16 +62,22 @@ class Recording:
 
     def _fault(self) -> str | None:
         """What makes this no recording, in one line, or None."""
+        return self._shape_fault() or self._place_fault() or self._value_fault()
+
+    def _shape_fault(self) -> str | None:
         if self.view not in VIEWS:
             return f"view: {self.view!r}; give {', '.join(VIEWS)}"
-        frames = len(self.time)
-        shape = (frames, len(self.v), len(self.u))
+        shape = (len(self.time), len(self.v), len(self.u))
         if self.temperature.shape != shape:
             return f"temperature: shape {self.temperature.shape}; its coordinates (frame, v, u) ask for {shape}"
         if self.view == "profile" and len(self.v) != 1:
             return f"v: {len(self.v)} rows; a profile has none"
-        if not frames or not len(self.u) or not len(self.v):
+        if not all(shape):
             return f"temperature: shape {shape}; at least one frame and one pixel are needed"
+        return None
+
+    def _place_fault(self) -> str | None:
+        """In the coordinates."""
         for name in ("time", "u", "v"):
             values = getattr(self, name)
             if not np.all(np.isfinite(values)):
@@ -79,8 +86,12 @@ class Recording:
                 return f"{name}: pixel centres must increase; turn the image and give them in m"
         if np.any(np.diff(self.time) < 0):
             return "time: frames must be in order of time, in s from the first start of sliding"
-        if self.repetition.shape != (frames,) or np.any(self.repetition < 1):
+        if self.repetition.shape != (self.frames,) or np.any(self.repetition < 1):
             return "repetition: one number for every frame, counted from 1"
+        return None
+
+    def _value_fault(self) -> str | None:
+        """In temperatures and what is known of the camera."""
         if np.any(self.temperature < -KELVIN):
             return f"temperature: {np.nanmin(self.temperature):g} degC is below absolute zero; give degC"
         if not np.any(np.isfinite(self.temperature)):
@@ -148,6 +159,19 @@ class Recording:
             f" {self.repetition.max()}\n"
             f"  {T.min():.2f} to {T.max():.2f} degC, {dead:.2g} % dead pixels"
         )
+
+    def sheet(self) -> Sheet:
+        T, mm = self.temperature[np.isfinite(self.temperature)], 1e3
+        rows: list[tuple] = [("frames", self.frames, ""), ("time", (self.time[0], self.time[-1]), "s")]
+        rows.append(("repetitions", (int(self.repetition.min()), int(self.repetition.max())), ""))
+        rows.append(("u", (mm * self.u[0], mm * self.u[-1]), "mm"))
+        if self.view != "profile":
+            rows.append(("v", (mm * self.v[0], mm * self.v[-1]), "mm"))
+        rows.append(("temperature", (float(T.min()), float(T.max())), "degC"))
+        rows.append(("dead pixels", 100 * (1 - T.size / self.temperature.size), "%"))
+        known = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL.items() if getattr(self, k) is not None)
+        title = f"Recording '{self.view}' ({VIEWS[self.view]})"
+        return Sheet(title, [*rows, *known], notes=[self.source] if self.source else [])
 
 
 def load(path) -> Recording:

@@ -1,12 +1,10 @@
-"""Commands on campaigns: compare measured with computed, and make a synthetic campaign."""
+"""Commands on campaigns: compare, discover, plan, and twin, which makes one."""
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, emit, finite, tell
-from flashtemp.runs.folders import free_name, whole
+from flashtemp.cli.terminal import DONE, Json, emit, result_folder, teller
 
 
 def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -> int:
@@ -19,18 +17,11 @@ def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -
     out
         Result folder; results/NAME-compare when not given.
     """
-    from flashtemp.comparison import campaign as campaigns
-    from flashtemp.comparison import compare as comparing
-    from flashtemp.viz import comparison_report
+    from flashtemp.api import campaigns
 
-    say = (lambda text: None) if json else tell
-    loaded = campaigns.load(campaign)
-    folder = out or free_name(Path("results") / f"{loaded.folder.resolve().name}-compare")
-    with whole(folder) as work:
-        result = comparing.compare(loaded, say)
-        (work / "compare.json").write_text(jsonlib.dumps(result.as_dict(), indent=2) + "\n", encoding="utf-8")
-        say("writing the report")
-        comparison_report.write(result, work / "report.html")
+    loaded = campaigns.open_campaign(campaign)
+    folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
+    result = campaigns.compare(loaded, out=folder, say=teller(json))
     emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
     return DONE
 
@@ -57,21 +48,11 @@ def discover(
     scheduler
         Address of a running Dask scheduler whose workers share them instead.
     """
-    from flashtemp.comparison import campaign as campaigns
-    from flashtemp.discovery import discover as conclude
-    from flashtemp.viz import discovery, verdict_report
+    from flashtemp.api import campaigns
 
-    say = (lambda text: None) if json else tell
-    loaded = campaigns.load(campaign)
-    folder = out or free_name(Path("results") / f"{loaded.folder.resolve().name}-discover")
-    with whole(folder) as work:
-        verdict, search = conclude.discover(loaded, say, workers, scheduler)
-        text = jsonlib.dumps(finite(verdict.as_dict()), indent=2, default=float)
-        (work / "verdict.json").write_text(text + "\n", encoding="utf-8")
-        conclude.write_extended(search, verdict, work)
-        say("writing the report")
-        discovery.draw_all(verdict, work)
-        verdict_report.write(verdict, work / "report.html")
+    loaded = campaigns.open_campaign(campaign)
+    folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
+    verdict = campaigns.discover(loaded, out=folder, workers=workers, scheduler=scheduler, say=teller(json))
     emit(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
     return DONE
 
@@ -99,21 +80,9 @@ def plan(
     scheduler
         Address of a running Dask scheduler whose workers share them instead.
     """
-    from flashtemp.comparison import campaign as campaigns
-    from flashtemp.discovery import experiment_design
-    from flashtemp.discovery.prediction import look
-    from flashtemp.discovery.problem import prepare
-    from flashtemp.runs.workers import crew
+    from flashtemp.api import campaigns
 
-    loaded = campaigns.load(campaign, planned=True)
-    with crew(look, workers, scheduler) as run:
-        outlook = experiment_design.plan(prepare(loaded, run))
-    if out is not None:
-        from flashtemp.viz import separability as picture
-
-        with whole(out) as work:
-            (work / "plan.json").write_text(jsonlib.dumps(finite(outlook.as_dict()), indent=2) + "\n", encoding="utf-8")
-            picture.draw(outlook).savefig(work / "separability.png")
+    outlook = campaigns.plan(campaign, out=out, workers=workers, scheduler=scheduler)
     emit(outlook.as_dict(), json, str(outlook))
     return DONE
 
@@ -151,12 +120,17 @@ def twin(
     nuisance
         Scale of all that is drawn within what a laboratory knows; 0 leaves noise only.
     """
-    from flashtemp.comparison.twin import Plan
-    from flashtemp.comparison.twin import twin as make
-    from flashtemp.model.case import load
+    from flashtemp.api import campaigns, inputs
 
-    hidden = tuple(name for part in hide.split(",") if (name := part.strip()) and name != "none")
-    plan = Plan(hidden, seed, conditions, tuple(v.strip() for v in views.split(",")), nuisance=nuisance)
-    folder = make(load(case, list(overrides)), plan, out, (lambda text: None) if json else tell)
-    emit({"out": str(folder), "seed": seed, "conditions": conditions}, json, f"campaign in {folder}/campaign.toml")
+    made = campaigns.twin(
+        inputs.load(case, list(overrides)),
+        hide=[name for part in hide.split(",") if (name := part.strip()) and name != "none"],
+        seed=seed,
+        out=out,
+        conditions=conditions,
+        views=[view.strip() for view in views.split(",")],
+        nuisance=nuisance,
+        say=teller(json),
+    )
+    emit(made.as_dict(), json, str(made))
     return DONE

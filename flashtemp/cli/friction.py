@@ -1,18 +1,11 @@
-"""The command on friction alone: friction, over speed and temperature by theory."""
+"""Commands on friction by theory: friction, over speed and temperature; loads, why it depends on the load."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, emit, finite
+from flashtemp.cli.terminal import DONE, Json, counter, emit, result_folder
 from flashtemp.errors import BadInput
-from flashtemp.physics.quantities import KELVIN
-
-COUNT, LIMITS = 60, (1e-12, 1e3)  # speeds; m/s
-NOT_MODELLED = (
-    "on the hot branch: heat of the adhesive part, heat that flows into the road; stick-slip between contact regions"
-)
 
 
 def friction(
@@ -39,63 +32,64 @@ def friction(
     fastest
         Highest sliding speed, m/s.
     """
-    low, high = LIMITS
-    if not low <= slowest < fastest <= high:
-        raise BadInput(
-            f"--slowest, --fastest: {slowest:g}, {fastest:g}; give {low:g} <= slowest < fastest <= {high:g} m/s"
-        )
-    from flashtemp.model.case import load
-    from flashtemp.runs.folders import free_name, whole
+    from flashtemp.api import friction as api
+    from flashtemp.api import inputs
 
-    asked = load(case, list(overrides))
-    final = out or free_name(Path("results") / f"{asked.name}-friction")
-    with whole(final) as work:
-        found = _curves(asked, slowest, fastest)
-        told = found.as_dict() | {"title": asked.title, "not_modelled": NOT_MODELLED, "out": str(final)}
-        _save(asked, found, told, work)
-    text = f"{asked.title}: {found}\n  not modelled: {NOT_MODELLED}\n  results in {final}/"
-    emit(told, json, text)
+    loaded = inputs.load(case, list(overrides))
+    folder = result_folder(out, f"{loaded.name}-friction")
+    found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
+    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
     return DONE
 
 
-def _curves(asked, slowest: float, fastest: float):
-    """The curves of a case.  Raises BadInput, SolverFailure."""
-    import numpy as np
+def loads(
+    case: str,
+    /,
+    *overrides: str,
+    pressures: str = "5e4,1e5,2e5,3e5",
+    speeds: str = "0.1,0.5,1.0",
+    out: Path | None = None,
+    workers: int | None = None,
+    json: Json = False,
+) -> int:
+    """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
 
-    from flashtemp.model.build import theory_of
-    from flashtemp.physics.friction import friction_curves, theory_inputs
-    from flashtemp.physics.friction.flash_temperature import Spots
+    Each is simulated alone, and with all others but it; curves, shares by load and speed, and a picture.
 
-    scene, acting = theory_of(asked)
-    theory, spots = acting.p.theory, Spots(scene.spot_diameter)
-    speeds = np.geomspace(slowest, fastest, COUNT)
-    found = friction_curves.curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
-    if not all(np.all((mu >= 0) & np.isfinite(mu)) for mu in (found.mu, found.cold.viscous, found.hot.viscous)):
-        raise BadInput(
-            f"persson_friction: friction is no number >= 0 everywhere around {scene.ambient - KELVIN:g} degC; "
-            "check master curve, spectrum and ambient.temperature"
-        )
-    if not acting.p.extrapolate and (outside := theory_inputs.beyond(theory, speeds, scene.ambient, scene.load)):
-        raise BadInput(
-            f"persson_friction.extrapolate: false, but {outside[0]}; choose other --slowest and --fastest, or allow it"
-        )
-    return replace(found, remarks=(*_own(asked, acting), *acting.p.assumed, *found.remarks))
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file whose effects compute friction by theory.
+    overrides
+        Keys of the case to change, as table.key=value.
+    pressures
+        Nominal contact pressures, Pa, rising.
+    speeds
+        Sliding speeds, m/s.
+    out
+        Result folder; results/CASE-loads when not given.
+    workers
+        Processes that share the runs; as many as there are cores when not given.
+    """
+    from flashtemp.api import friction as api
+    from flashtemp.api import inputs
+
+    loaded = inputs.load(case, list(overrides))
+    p, v = _numbers("--pressures", pressures, 2), _numbers("--speeds", speeds, 1)
+    folder = result_folder(out, f"{loaded.name}-loads")
+    with counter(loaded.name) as watch:
+        found = api.loads(loaded, pressures=p, speeds=v, out=folder, workers=workers, watch=watch)
+    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return DONE
 
 
-def _own(asked, acting) -> list[str]:
-    """Keys of the case that the theory does not look at."""
-    if asked["friction.mu"] == 1.0 and acting.p.weight == 1.0:
-        return []
-    return ["friction is the theory's alone: friction.mu and persson_friction.weight are not used here"]
+def _numbers(option: str, given: str, fewest: int) -> tuple[float, ...]:
+    """Rising positive numbers between commas."""
+    from flashtemp.runs.load_dependence import refuse_values
 
-
-def _save(asked, found, told: dict, work: Path) -> None:
-    """Write the effective case with its files, curves, numbers and picture."""
-    import json
-
-    from flashtemp.viz import friction_curves as picture
-
-    (work / "case.toml").write_text(asked.toml(asked.copy_files(work)), encoding="utf-8")
-    found.save(work)
-    (work / "friction.json").write_text(json.dumps(finite(told), indent=2) + "\n", encoding="utf-8")
-    picture.draw(found, asked.title).savefig(work / "friction.png")
+    try:
+        values = tuple(float(v) for v in given.split(","))
+    except ValueError as fault:
+        raise BadInput(f"{option}: {given}; give numbers between commas") from fault
+    refuse_values(option, values, fewest, given)
+    return values

@@ -1,11 +1,65 @@
-"""Commands that answer a question before a campaign: how many repetitions, which wait."""
+"""Commands that march a case more than once: sweep, converge, repetitions, wait."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Literal
 
-from flashtemp.cli.terminal import DONE, Json, emit, tell
+from flashtemp.cli.terminal import DONE, FAILED, Json, counter, emit, teller
+
+
+def sweep(
+    case: str,
+    /,
+    *values: str,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    json: Json = False,
+) -> int:
+    """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
+
+    The same command again goes on where an interrupted sweep stopped.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file.
+    values
+        What is swept, as table.key=v1,v2,...; keys with one value are overrides.
+    out
+        Result folder; results/CASE-sweep when not given.
+    workers
+        Processes that share the runs; as many as there are cores when not given.
+    scheduler
+        Address of a running Dask scheduler whose workers share them instead.
+    """
+    from flashtemp.api import questions
+    from flashtemp.runs import sweep as sweeps
+
+    asked = sweeps.plan(case, *sweeps.parsed(list(values)))
+    folder = out or Path("results") / f"{asked.case.name}-sweep"
+    with counter(asked.case.name) as watch:
+        found = questions.sweep(asked, out=folder, workers=workers, scheduler=scheduler, watch=watch)
+    emit({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
+    return FAILED if found.failed else DONE
+
+
+def converge(case: str, /, *overrides: str, json: Json = False) -> int:
+    """Observed order of accuracy and error estimate of a case, by refining it.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file.
+    overrides
+        Keys of the case to change, as table.key=value.
+    """
+    from flashtemp.api import inputs, questions
+
+    result = questions.converge(inputs.load(case, list(overrides)), say=teller(json))
+    emit(result.as_dict(), json, str(result))
+    return DONE
 
 
 def repetitions(
@@ -30,9 +84,9 @@ def repetitions(
     of
         What settles: friction, or how uneven the pressure is (result folder only).
     """
-    from flashtemp.runs.running_in import settling
+    from flashtemp.api import questions
 
-    result = settling(source, within, distance, of)
+    result = questions.repetitions(source, within=within, distance=distance, of=of)
     emit(result.as_dict(), json, str(result))
     return DONE
 
@@ -58,9 +112,8 @@ def wait(
     of
         Which temperature: the block's surface (T_block) or its macroasperity contact regions (T_spot).
     """
-    from flashtemp.model.case import load
-    from flashtemp.runs.wait_time import shortest
+    from flashtemp.api import inputs, questions
 
-    result = shortest(load(case, list(overrides)), below, of, (lambda text: None) if json else tell)
+    result = questions.wait(inputs.load(case, list(overrides)), below=below, of=of, say=teller(json))
     emit(result.as_dict(), json, str(result))
     return DONE

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 from cyclopts import Parameter
+
+from flashtemp.showing import to_json
 
 DONE, FAILED, BAD, STOPPED = 0, 1, 2, 130
 Json = Annotated[
@@ -20,6 +23,18 @@ Switch = Parameter(negative=())
 def tell(text: str) -> None:
     """A message for the person at the terminal."""
     print(text, file=sys.stderr)
+
+
+def teller(as_json: bool) -> Callable[[str], None]:
+    """Who is told what is being done: the person, or nobody beside JSON."""
+    return (lambda text: None) if as_json else tell
+
+
+def result_folder(out: Path | None, name: str) -> Path:
+    """The folder asked for, or a free one of that name in results/."""
+    from flashtemp.runs.folders import free_name
+
+    return out or free_name(Path("results") / name)
 
 
 @contextmanager
@@ -56,19 +71,6 @@ def counter(label: str):
         yield watch
 
 
-def emit(data, as_json: bool, text: str) -> None:
+def emit(data: Any, as_json: bool, text: str) -> None:
     """The result on stdout, once, in the form asked for."""
-    print(json.dumps(finite(data), indent=2) if as_json else text)
-
-
-def finite(data):
-    """Data with infinite and undefined numbers as text or null, so that the JSON is valid everywhere."""
-    if isinstance(data, dict):
-        return {k: finite(v) for k, v in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [finite(v) for v in data]
-    if isinstance(data, float) and data != data:
-        return None
-    if isinstance(data, float) and abs(data) == float("inf"):
-        return "inf" if data > 0 else "-inf"
-    return data
+    print(to_json(data) if as_json else text)

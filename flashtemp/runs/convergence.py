@@ -9,14 +9,15 @@ import numpy as np
 
 from flashtemp.model import case as cases
 from flashtemp.model import schema
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
 QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
 
 
-@dataclass(frozen=True)
-class Convergence:
+@dataclass(frozen=True, repr=False)
+class Convergence(Shown):
     """Answer of `converge`: values per level and, per quantity, order and error of the case itself.
 
     `cells` and `values` (levels, quantities) from coarse to fine, the case being the middle one;
@@ -34,6 +35,26 @@ class Convergence:
     def as_dict(self) -> dict:
         """For --json."""
         return {"quantities": list(QUANTITIES), **asdict(self)}
+
+    def __str__(self) -> str:
+        rows = [
+            f"  {name:26s} {value:12.6g}   order {order:5.2f}   error: space {space:.2g}, time {time:.2g}"
+            for name, value, order, space, time in self._rows()
+        ]
+        return "\n".join([self._cells(), *rows, f"  {self._profile()}"])
+
+    def sheet(self) -> Sheet:
+        head = ("", "value", "order", "error of space", "error of time")
+        return Sheet(self._cells(), self._rows(), head, [self._profile()])
+
+    def _rows(self) -> list[tuple[str, float, float, float, float]]:
+        return list(zip(QUANTITIES, self.values[1], self.order, self.space, self.time, strict=True))
+
+    def _cells(self) -> str:
+        return f"{' / '.join(map(str, self.cells))} cells"
+
+    def _profile(self) -> str:
+        return f"T(x) differs from the finest level by {self.profile_percent:.3f} %"
 
 
 def numbers(run: Run) -> np.ndarray:

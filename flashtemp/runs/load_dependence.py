@@ -8,19 +8,21 @@ heating on the temperatures that the solver finds.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import FlashtempError, SolverFailure
+from flashtemp.errors import BadInput, FlashtempError, SolverFailure
 from flashtemp.model import case as cases
 from flashtemp.model.build import theory_of
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.runs.workers import stream
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import Stage
@@ -75,8 +77,8 @@ def friction_of(asked: Asked) -> float:
     return float(mu @ load / load.sum())
 
 
-@dataclass(frozen=True)
-class Loads:
+@dataclass(frozen=True, eq=False, repr=False)
+class Loads(Shown):
     """mu over speeds (m/s) and nominal pressures (Pa): arrays (speeds, pressures) by what acts.
 
     `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried with
@@ -171,6 +173,17 @@ class Loads:
                 lines.append(f"  Not in the case: if {p.words} ({p.key} = {self.values[p.name]}), {found}.")
         return "\n".join(lines)
 
+    def sheet(self) -> Sheet:
+        shares, change = self.shares(), self.change(self.every)
+        head = ("speed, m/s", f"mu at {self.pressure[0]:g} Pa", f"mu at {self.pressure[-1]:g} Pa", "change", *NAMES)
+        rows = [
+            (float(v), float(self.every[i, 0]), float(self.every[i, -1]), _percent(change[i]),
+             *(_percent(shares[n][i]) for n in NAMES))
+            for i, v in enumerate(self.speed)
+        ]  # fmt: skip
+        tried = [f"{n} is not in the case: tried with a typical value" for n in NAMES if n not in self.acting]
+        return Sheet(f"Friction over load '{self.title}', contact fraction {self.law}", rows, head, tried)
+
 
 def _percent(change: float) -> str:
     return f"{100 * math.expm1(change):+.1f} %"
@@ -239,3 +252,11 @@ def _other_law(case: cases.Case, scene: Scene, acting: Acting) -> dict[str, Any]
         wave = 2 * np.pi / scene.spot_diameter
         phi = float(acting.p.theory.contact(wave, np.sqrt(np.prod(scene.speeds)), scene.ambient, scene.load))
     return {f"{acting.name}.spots": "given", "contact.spot_exponent": 0.0, "contact.spot_fraction": phi}
+
+
+def refuse_values(option: str, values: Sequence[float], fewest: int, text: str | None = None) -> None:
+    """BadInput unless there are at least `fewest` rising positive numbers; `text` is how they were given."""
+    rising = all(b > a for a, b in itertools.pairwise(values))
+    if len(values) < fewest or not rising or not all(0 < a < 1e9 for a in values):
+        text = text or ",".join(f"{v:g}" for v in values)
+        raise BadInput(f"{option}: {text}; give at least {fewest} rising numbers > 0, between commas")

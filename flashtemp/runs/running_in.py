@@ -23,6 +23,7 @@ from flashtemp.errors import BadInput, FlashtempError, nearest
 from flashtemp.physics.interpolation import rows
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.relaxation_fit import Fit, Record, without
+from flashtemp.showing import Sheet, Shown
 
 FEWEST = 4  # values: three numbers are fitted
 MOST = 5000  # rows: more are a trace, whose neighbours scatter alike
@@ -33,8 +34,8 @@ TREND = 2  # numbers that a relaxation has more than a constant
 CURVES, HEADER = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
 
 
-@dataclass(frozen=True)
-class Settling:
+@dataclass(frozen=True, repr=False)
+class Settling(Shown):
     """Answer of `relaxation`; distances in `unit`, None where the data cannot say.
 
     `s_w` with standard error and 95 % interval; `start` and `final` value; after `slid` the rest of the
@@ -75,6 +76,15 @@ class Settling:
             sooner = "; friction can settle in half of it" if self.of == "friction" else ""
             lines.append(f"  the case implies s_w = {self.expected:.3g} m for its pressure, 1/(k_n k mu){sooner}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def sheet(self) -> Sheet:
+        units = {"s_w": self.unit, "slid": self.unit, "expected": "m", "start": "1", "final": "1", "scatter": "1"}
+        rows = [
+            (name, getattr(self, name), getattr(self, f"{name}_interval", None), units.get(name, ""))
+            for name in ("s_w", "start", "final", "scatter", "slid", "repetitions", "expected")
+            if getattr(self, name) is not None
+        ]
+        return Sheet(f"{self.of}: {self.says}", rows, ("", "value", "95 %", "unit"), self.notes)
 
 
 def settling(source, within: float = 0.01, distance: float | None = None, of: str = "friction") -> Settling:

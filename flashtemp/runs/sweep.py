@@ -7,7 +7,7 @@ import io
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
 from flashtemp.runs.folders import partial, stoppable
 from flashtemp.runs.workers import stream
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
 
 PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are kept
@@ -54,13 +55,71 @@ class Sweep:
     def shape(self) -> tuple[int, ...]:
         return tuple(len(v) for v in self.axes.values())
 
+    @property
+    def title(self) -> str:
+        return f"Sweep of '{self.case.title}': {' x '.join(f'{len(v)} {k}' for k, v in self.axes.items())}"
 
-def plan(path, given: list[str]) -> Sweep:
-    """Read a case with "key=value" overrides and "key=v1,v2,..." axes; checks every combination.
+    def at(self, k: int) -> tuple:
+        """The values of the swept keys at point k."""
+        index = np.unravel_index(k, self.shape)
+        return tuple(values[i] for values, i in zip(self.axes.values(), index, strict=True))
 
-    Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
-    """
-    axes, fixed = {}, {}
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Swept(Shown):
+    """What a `sweep` found: an xarray `dataset` with the swept keys as dimensions, and {point: why it `failed`}."""
+
+    sweep: Sweep
+    dataset: Any
+    failed: dict[int, str]
+
+    def frame(self):
+        """The numbers of every combination, a row each, as a pandas DataFrame."""
+        found = self.dataset
+        numbers = found[list(NUMBERS)].assign(friction_last=found.friction[..., -1].drop_vars("repetition"))
+        return numbers.to_dataframe().reset_index()
+
+    def as_dict(self) -> dict[str, Any]:
+        """For --json: what failed, and {column: values} over all combinations."""
+        frame = self.frame()
+        return {"failed": list(self.failed.values()), **{name: frame[name].tolist() for name in frame}}
+
+    def save(self, folder: Path) -> None:
+        """Write sweep.nc, sweep.csv (a row per combination) and the case, with the files that it names."""
+        case, frame = self.sweep.case, self.frame()
+        (folder / "sweep.nc").write_bytes(bytes(self.dataset.to_netcdf(engine="h5netcdf")))
+        (folder / "case.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
+        why = [self.failed.get(i, "") for i in range(len(frame))]
+        frame.assign(failed=why).to_csv(folder / "sweep.csv", index=False)
+
+    def __str__(self) -> str:
+        """How much, how far the temperature went, what failed."""
+        hottest, lines = self.dataset.T_max_degC, [self.sweep.title]
+        if len(self.failed) < len(self.sweep.points):
+            for word, where in (("hottest", hottest.argmax(...)), ("coolest", hottest.argmin(...))):
+                at = hottest.isel(where)
+                place = ", ".join(f"{k} = {at[k].item()}" for k in self.sweep.axes)
+                lines.append(f"  {word}: {at.item():.1f} degC at {place}")
+        return "\n".join([*lines, *(f"  {line}" for line in self._failures())])
+
+    def _failures(self) -> list[str]:
+        """Points that failed, in words."""
+        return [
+            f"failed: {', '.join(f'{key} = {v}' for key, v in zip(self.sweep.axes, self.sweep.at(k), strict=True))}: "
+            f"{reason}"
+            for k, reason in self.failed.items()
+        ]
+
+    def sheet(self) -> Sheet:
+        columns = [*self.sweep.axes, "T_max_degC", "rise_trailing_K", "friction_last", "worn_mean_m"]
+        rows = self.frame()[columns].values.tolist()
+        return Sheet(self.sweep.title, rows, columns, self._failures())
+
+
+def parsed(given: list[str]) -> tuple[dict[str, tuple], dict[str, Any]]:
+    """Axes and overrides of "key=v1,v2,..." and "key=value" as the command line gives them.  Raises BadInput."""
+    axes: dict[str, tuple] = {}
+    fixed: dict[str, Any] = {}
     for item in given:
         key, eq, text = item.partition("=")
         values = _split(text) if eq else []
@@ -69,18 +128,31 @@ def plan(path, given: list[str]) -> Sweep:
             continue
         key = key.strip()
         axes[key] = tuple(next(iter(case_file.parse_overrides([f"{key}={v}"]).values())) for v in values)
-        if any(v in axes[key][:i] for i, v in enumerate(axes[key])):
-            raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
+    return axes, fixed
+
+
+def plan(case: str | Path | cases.Case, axes: Mapping[str, Sequence], fixed: Mapping[str, Any] | None = None) -> Sweep:
+    """A case (or the path of one) with overrides `fixed` over the values of its `axes`; checks every combination.
+
+    Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
+    """
+    axes, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
     if not axes:
         raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
-    base = cases.load(path, fixed)
+    for key, values in axes.items():
+        if any(v in values[:i] for i, v in enumerate(values)):
+            text = ",".join(map(str, values))
+            raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
+
+    def made(more: dict[str, Any]) -> cases.Case:
+        return case.with_values(given | more) if isinstance(case, cases.Case) else cases.load(case, given | more)
+
     points = [  # copied, so that the many do not keep the scenes with which they were checked
-        replace(cases.load(path, fixed | dict(zip(axes, values, strict=True))))
-        for values in itertools.product(*axes.values())
+        replace(made(dict(zip(axes, values, strict=True)))) for values in itertools.product(*axes.values())
     ]
     if len({p["schedule.repetitions"] for p in points}) > 1:
         raise BadInput("schedule.repetitions (command line): cannot be swept; repetitions are an axis of the result")
-    return Sweep(base, axes, tuple(points))
+    return Sweep(made({}), axes, tuple(points))
 
 
 def _split(text: str) -> list[str]:
@@ -115,27 +187,30 @@ def point(case: cases.Case) -> dict[str, np.ndarray]:
 
 
 def carry_out(
-    sweep: Sweep, work: Path, workers: int | None = None, scheduler: str | None = None,
+    sweep: Sweep, work: Path | None = None, workers: int | None = None, scheduler: str | None = None,
     watch: Callable[[int, int], Any] = lambda done, total: None,
-) -> tuple[Any, dict[int, str]]:  # fmt: skip
-    """March all points that the folder `work` does not hold yet; the dataset, and {point: why it failed}.
+) -> Swept:  # fmt: skip
+    """March all points that the folder `work` does not hold yet; nothing is kept where there is none.
 
     Every point is kept in its own file as soon as it is there; Ctrl-C is seen then.  Raises OSError, SolverFailure.
     """
-    files = [work / POINTS / f"{_name(p)}.npz" for p in sweep.points]
-    todo = [i for i, file in enumerate(files) if not file.exists()]
+    files = [] if work is None else [work / POINTS / f"{_name(p)}.npz" for p in sweep.points]
+    found: dict[int, Any] = {i: dict(np.load(file)) for i, file in enumerate(files) if file.exists()}
+    todo, count = [i for i in range(len(sweep.points)) if i not in found], len(sweep.points)
     failed: dict[int, str] = {}
-    watch(len(files) - len(todo), len(files))
+    watch(count - len(todo), count)
     with stoppable() as stopped:
         for n, (k, answer) in enumerate(stream(point, [sweep.points[i] for i in todo], workers, scheduler), 1):
             if isinstance(answer, FlashtempError):
                 failed[todo[k]] = str(answer)
             else:
-                _keep(files[todo[k]], answer)
-            watch(len(files) - len(todo) + n, len(files))
+                found[todo[k]] = answer
+                if work is not None:
+                    _keep(files[todo[k]], answer)
+            watch(count - len(todo) + n, count)
             if stopped.is_set() and n < len(todo):
-                raise Interrupted(work, "the same command")
-    return _gather(sweep, files), failed
+                raise KeyboardInterrupt if work is None else Interrupted(work, "the same command")
+    return Swept(sweep, _gather(sweep, [found.get(i) for i in range(count)]), failed)
 
 
 @contextmanager
@@ -160,43 +235,6 @@ def folder(out: Path, sweep: Sweep) -> Iterator[Path]:
     work.rename(out)
 
 
-def save(sweep: Sweep, found, failed: dict[int, str], work: Path) -> None:
-    """Write sweep.nc, sweep.csv (a row per combination) and the case, with the files that it names."""
-    (work / "sweep.nc").write_bytes(bytes(found.to_netcdf(engine="h5netcdf")))
-    (work / "case.toml").write_text(sweep.case.toml(sweep.case.copy_files(work)), encoding="utf-8")
-    table(found, failed, work / "sweep.csv")
-
-
-def table(found, failed: dict[int, str] | None = None, file: Path | None = None) -> dict:
-    """The numbers of every combination, {column: values}; also as a CSV file where one is named."""
-    frame = found[list(NUMBERS)].assign(friction_last=found.friction[..., -1].drop_vars("repetition")).to_dataframe()
-    frame = frame.reset_index()
-    if file is not None:
-        frame.assign(failed=[(failed or {}).get(i, "") for i in range(len(frame))]).to_csv(file, index=False)
-    return {name: frame[name].tolist() for name in frame}
-
-
-def says(sweep: Sweep, found, failed: dict[int, str]) -> str:
-    """The sweep in words: how much, how far the temperature went, what failed."""
-    hottest = found.T_max_degC
-    lines = [f"Sweep of '{sweep.case.title}': {' x '.join(f'{len(v)} {k}' for k, v in sweep.axes.items())}"]
-    if len(failed) < len(sweep.points):
-        for word, where in (("hottest", hottest.argmax(...)), ("coolest", hottest.argmin(...))):
-            at = hottest.isel(where)
-            place = ", ".join(f"{k} = {at[k].item()}" for k in sweep.axes)
-            lines.append(f"  {word}: {at.item():.1f} degC at {place}")
-    for k, reason in failed.items():
-        place = ", ".join(f"{key} = {value}" for key, value in zip(sweep.axes, _at(sweep, k), strict=True))
-        lines.append(f"  failed: {place}: {reason}")
-    return "\n".join(lines)
-
-
-def _at(sweep: Sweep, k: int) -> tuple:
-    """The values of the swept keys at point k."""
-    index = np.unravel_index(k, sweep.shape)
-    return tuple(values[i] for values, i in zip(sweep.axes.values(), index, strict=True))
-
-
 def _name(case: cases.Case) -> str:
     """A name that another case, or other contents of its files, does not have."""
     seen = hashlib.sha256(case.toml().encode())
@@ -214,11 +252,10 @@ def _keep(file: Path, answer: dict[str, np.ndarray]) -> None:
     os.replace(fresh, file)
 
 
-def _gather(sweep: Sweep, files: list[Path]):
+def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):
     """The xarray Dataset with the swept keys as dimensions; nan where a point failed."""
     import xarray as xr
 
-    found = [dict(np.load(f)) if f.exists() else None for f in files]
     repetitions = sweep.points[0]["schedule.repetitions"]
     axes = list(sweep.axes)
     told = {name: (unit, words, ("repetition", "place")) for name, (unit, words) in PROFILES.items()}

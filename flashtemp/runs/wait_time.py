@@ -14,6 +14,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
 
 LONG = (600.0, 21600.0)  # s: the waits tried before giving up
@@ -38,8 +39,8 @@ class Peak:
     total: float
 
 
-@dataclass(frozen=True)
-class Waiting:
+@dataclass(frozen=True, repr=False)
+class Waiting(Shown):
     """Answer of `shortest`: `wait` in s, or None where no wait keeps the block `below` (degC).
 
     `reached` (degC) highest with that wait, or with the longest one tried; `repetition` in which;
@@ -71,6 +72,13 @@ class Waiting:
             if peak.wait == self.too_short:
                 lines.append(f"  {peak.wait:.4g} s are too short: {peak.highest:.2f} degC")
         return "\n".join(lines)
+
+    def sheet(self) -> Sheet:
+        rows = [(p.wait, p.highest, p.repetition, clock(p.total)) for p in self.tried]
+        return Sheet(
+            self.says, rows, ("wait, s", "highest, degC", "in repetition", "the test takes"),
+            [] if self.wait is not None else [REMEDY],
+        )  # fmt: skip
 
 
 def clock(seconds: float) -> str:

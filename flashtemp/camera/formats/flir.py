@@ -1,4 +1,4 @@
-"""FLIR's container FFF: alone, one after another (SEQ, CSQ) and in pieces inside a radiometric JPEG.
+"""FLIR headers and counts are parsed here: FFF alone, one after another (SEQ, CSQ) or in pieces inside a JPEG.
 
 A block is a header of 64 bytes, a directory of 32-byte entries (type, offset, length) and the records they point
 to; the counts are one record, the calibration and the object's parameters another.  Byte order differs from file

@@ -16,12 +16,13 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction.elastic_contact import library, touching
 from flashtemp.physics.friction.spot_patterns import ContactMap
+from flashtemp.showing import Shown
 
 STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
 
 
-@dataclass(frozen=True)
-class Spots:
+@dataclass(frozen=True, repr=False)
+class Spots(Shown):
     """A contact map with the nominal `pressure` (Pa) that made it and what it holds.
 
     `fraction` covered, `number` of regions, `diameter` (m) of a disc with their area-weighted mean area.

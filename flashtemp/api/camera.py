@@ -1,0 +1,72 @@
+"""What a camera saw: files of its maker -> one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from flashtemp.api.inputs import Say, silent
+from flashtemp.camera import import_options, importing
+from flashtemp.camera.import_options import Facts
+from flashtemp.camera.import_request import Request, found
+from flashtemp.camera.import_request import target as place
+from flashtemp.camera.importing import Imported
+from flashtemp.errors import BadInput, nearest
+
+
+def import_recording(
+    files: str | Path | Sequence[str | Path] | Request,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    say: Say = silent,
+    **facts: Any,
+) -> Imported:
+    """The recording of camera files, a folder, patterns, or one recording template (.toml).
+
+    `facts` say what the files do not, by the names of the template: view="sidewall", pixel=(12, 200), start=0.0...
+    `out`: the .nc file to write, with a picture beside it; without it the file that a template names, if any.
+    Raises BadInput with a line for everything that is missing.
+    """
+    if isinstance(files, Request):
+        asked = files
+    else:
+        names = [files] if isinstance(files, (str, Path)) else files
+        asked = Request.of([str(name) for name in names], _facts(facts), None if out is None else Path(out))
+    target = None if asked.out is None else place(asked.out, overwrite)
+    result = importing.recorded(found(asked.files), asked.facts, say)
+    if target is None:
+        return result
+    result.recording.save(target)
+    return replace(result, saved=target, picture=_picture(result, target))
+
+
+def recording_template() -> str:
+    """A commented recording template (TOML), for `import_recording`."""
+    return import_options.commented()
+
+
+def _facts(said: dict[str, Any]) -> Facts:
+    """Keywords as facts; BadInput for one that nobody knows."""
+    for name in said:
+        if name not in Facts.__dataclass_fields__:
+            raise BadInput(f"import_recording: {name}: unknown fact{nearest(name, Facts.__dataclass_fields__)}")
+    return Facts(**said)
+
+
+def _picture(result: Imported, target: Path) -> Path | None:
+    """The registration picture beside the recording; a profile or a single row of pixels has none."""
+    if result.recording.view == "profile" or min(len(result.recording.u), len(result.recording.v)) < 2:
+        return None
+    from flashtemp.viz.registration import draw
+
+    picture = target.with_suffix(".png")
+    fresh = picture.with_name(picture.name + ".new")
+    try:
+        draw(result.recording, result.block).savefig(fresh, format="png")
+        fresh.replace(picture)
+    finally:
+        fresh.unlink(missing_ok=True)
+    return picture

@@ -1,0 +1,145 @@
+"""Measured against computed: compare a campaign, find what the model lacks, plan one, make a synthetic one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flashtemp.api.inputs import Overrides, Say, case_of, silent
+from flashtemp.comparison import campaign as reading
+from flashtemp.comparison import compare as comparing
+from flashtemp.comparison import twin as twins
+from flashtemp.comparison.campaign import Campaign
+from flashtemp.comparison.compare import Comparison
+from flashtemp.discovery import discover as discovering
+from flashtemp.discovery import experiment_design
+from flashtemp.discovery.experiment_design import Outlook
+from flashtemp.discovery.prediction import look
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.verdict import Verdict
+from flashtemp.model.case import Case
+from flashtemp.runs.folders import wanted
+from flashtemp.runs.workers import crew
+from flashtemp.showing import Shown, write_json
+
+
+def open_campaign(campaign: str | Path, planned: bool = False) -> Campaign:
+    """Read a campaign: a folder with a campaign.toml, or a .toml file, and everything that it names.
+
+    With `planned` a recording may give a view instead of a file, as before measuring.  Raises BadInput.
+    """
+    return reading.load(campaign, planned)
+
+
+def campaign_of(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:
+    """A campaign from its path, or one that is open.  Raises BadInput."""
+    return campaign if isinstance(campaign, Campaign) else open_campaign(campaign, planned)
+
+
+def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, say: Say = silent) -> Comparison:
+    """Simulate what the cameras of a campaign saw and subtract.
+
+    `out`: folder for compare.json and report.html.  Raises BadInput, SolverFailure.
+    """
+    loaded = campaign_of(campaign)
+    with wanted(out) as work:
+        result = comparing.compare(loaded, say)
+        if work is not None:
+            from flashtemp.viz import comparison_report
+
+            write_json(result.as_dict(), work / "compare.json")
+            say("writing the report")
+            comparison_report.write(result, work / "report.html")
+    return result
+
+
+def discover(
+    campaign: str | Path | Campaign,
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    say: Say = silent,
+) -> Verdict:
+    """Find what the simulation of a campaign gets wrong, name the cause, extend the model and measure the gain.
+
+    `out`: folder for verdict.json, report.html, pictures and the extended case.  Raises BadInput, SolverFailure.
+    """
+    loaded = campaign_of(campaign)
+    with wanted(out) as work:
+        verdict, search = discovering.discover(loaded, say, workers, scheduler)
+        if work is not None:
+            from flashtemp.viz import discovery, verdict_report
+
+            write_json(verdict.as_dict(), work / "verdict.json")
+            discovering.write_extended(search, verdict, work)
+            say("writing the report")
+            discovery.draw_all(verdict, work)
+            verdict_report.write(verdict, work / "report.html")
+    return verdict
+
+
+def plan(
+    campaign: str | Path | Campaign,
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> Outlook:
+    """Before measuring: which effects the views and conditions of a campaign can tell apart, and what to add.
+
+    `out`: folder for plan.json and the picture of the separability matrix.  Raises BadInput, SolverFailure.
+    """
+    loaded = campaign_of(campaign, planned=True)
+    with wanted(out) as work:
+        with crew(look, workers, scheduler) as run:
+            outlook = experiment_design.plan(prepare(loaded, run))
+        if work is not None:
+            from flashtemp.viz import separability as picture
+
+            write_json(outlook.as_dict(), work / "plan.json")
+            picture.draw(outlook).savefig(work / "separability.png")
+    return outlook
+
+
+@dataclass(frozen=True, repr=False)
+class Twin(Shown):
+    """A synthetic campaign in a folder; what was hidden lies sealed there."""
+
+    folder: Path
+    seed: int
+    conditions: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For --json."""
+        return {"out": str(self.folder), "seed": self.seed, "conditions": self.conditions}
+
+    def campaign(self) -> Campaign:
+        """The campaign, as a laboratory would hand it over."""
+        return open_campaign(self.folder)
+
+    def __str__(self) -> str:
+        return f"campaign in {self.folder}/campaign.toml"
+
+
+def twin(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    hide: Sequence[str],
+    seed: int,
+    out: str | Path,
+    conditions: int = 4,
+    views: Sequence[str] = ("sidewall", "wake"),
+    nuisance: float = 1.0,
+    say: Say = silent,
+) -> Twin:
+    """A synthetic campaign in the new folder `out`, with effects that are hidden from the case that is believed.
+
+    `hide` names of effects, `views` some of sidewall, wake and profile, `nuisance` scales all that is drawn within
+    what a laboratory knows.  Raises BadInput, SolverFailure.
+    """
+    asked = twins.Plan(tuple(hide), seed, conditions, tuple(views), nuisance=nuisance)
+    return Twin(twins.twin(case_of(case, overrides), asked, Path(out), say), seed, conditions)

@@ -1,0 +1,183 @@
+"""Friction from spectrum and master curve: over speed, over load, in a tread block, under a tyre; and roads for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from flashtemp.api.inputs import Count, Overrides, case_of, uncounted
+from flashtemp.errors import BadInput
+from flashtemp.model.case import Case
+from flashtemp.physics.friction.contact_map import Spots
+from flashtemp.runs import friction_study, load_dependence, rolling
+from flashtemp.runs import road as roads
+from flashtemp.runs.folders import wanted
+from flashtemp.runs.friction_study import FrictionStudy
+from flashtemp.runs.load_dependence import PRESSURES, SPEEDS, Loads
+from flashtemp.runs.road import RoadSpectrum, SelfAffineRoad
+from flashtemp.runs.rolling import TreadPassage, TyreForces
+from flashtemp.showing import write_json
+
+
+def friction(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    slowest: float = 1e-6,
+    fastest: float = 10.0,
+    out: str | Path | None = None,
+) -> FrictionStudy:
+    """Friction over speed (m/s) and temperature from a master curve and a power spectrum.
+
+    `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
+    """
+    friction_study.refuse_speeds(slowest, fastest)
+    loaded = case_of(case, overrides)
+    with wanted(out) as work:
+        found = friction_study.study(loaded, slowest, fastest)
+        if work is not None and out is not None:
+            from flashtemp.viz import friction_curves as picture
+
+            found.save(work, Path(out))
+            picture.draw(found.curves, loaded.title).savefig(work / "friction.png")
+    return found
+
+
+def loads(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    pressures: Sequence[float] = PRESSURES,
+    speeds: Sequence[float] = SPEEDS,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    watch: Count = uncounted,
+) -> Loads:
+    """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
+
+    Nominal `pressures` in Pa and `speeds` in m/s, both rising.  `out`: folder for the case, curves, numbers and a
+    picture.  Raises BadInput, SolverFailure.
+    """
+    loaded = case_of(case, overrides)
+    load_dependence.refuse_values("--pressures", pressures, 2)
+    load_dependence.refuse_values("--speeds", speeds, 1)
+    with wanted(out) as work:
+        found = load_dependence.attribute(loaded, pressures, speeds, workers, watch)
+        if work is not None:
+            from flashtemp.viz import loads as picture
+
+            (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
+            write_json(found.as_dict(), work / "loads.json")
+            found.save(work / "loads.csv")
+            picture.draw(found).savefig(work / "loads.png")
+    return found
+
+
+def tread(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    out: str | Path | None = None,
+    watch: Count = uncounted,
+) -> TreadPassage:
+    """One tread block through its footprint: friction on its way from the cold to the hot branch, at several slips.
+
+    `out`: folder for the case, paths, numbers and a picture.  Raises BadInput, SolverFailure.
+    """
+    asked = rolling.Passage.of(case_of(case, overrides))
+    with wanted(out) as work:
+        answer = asked.roll(watch)
+        if work is not None and out is not None:
+            from flashtemp.viz import tread as picture
+
+            answer.save(work, Path(out))
+            picture.draw(answer.found, asked.setup.case.title).savefig(work / "tread.png")
+    return answer
+
+
+def tyre(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    out: str | Path | None = None,
+    watch: Count = uncounted,
+) -> TyreForces:
+    """Side force of a tyre over slip angle at several loads, with the cold-hot law and with its controls.
+
+    `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
+    """
+    asked = rolling.Wheel.of(case_of(case, overrides))
+    with wanted(out) as work:
+        answer = asked.corner(watch)
+        if work is not None and out is not None:
+            from flashtemp.viz import tyre as picture
+
+            answer.save(work, Path(out))
+            picture.draw(answer.found, asked.setup.case.title).savefig(work / "tyre.png")
+    return answer
+
+
+def spots(
+    file: str | Path | None = None,
+    *,
+    cutoff: float,
+    pressure: float = 1.5e5,
+    modulus: float = 1.33e7,
+    length: float | None = None,
+    width: float | None = None,
+    pixel: float = 1e-4,
+    hurst: float = 0.85,
+    rms: float = 3e-4,
+    rolloff: float = 5e-3,
+    seed: int = 1,
+    out: str | Path | None = None,
+) -> Spots:
+    """Which macroasperity regions of a road touch under a nominal `pressure`: a contact map.
+
+    `cutoff` (m) is the shortest wavelength that counts, `modulus` E/(1 - nu^2) of the rubber, Pa.  `file` holds
+    heights, with `length` and `width` (m) where it does not state them; without one a self-affine road is made of
+    `pixel`, Hurst exponent, `rms` height, wavelength of `rolloff` (m) and `seed`.
+    `out`: a .npz for resolved_spots.contact_map.  Raises BadInput.
+    """
+    if out is not None:
+        _refuse_place(Path(out), ".npz")
+        if Path(out).exists():
+            raise BadInput(f"--out: {out} exists; choose another name")
+    road = SelfAffineRoad(length, width, pixel, hurst, rms, rolloff, seed)
+    found = roads.touching_regions(None if file is None else Path(file), road, cutoff, pressure, modulus)
+    if out is not None:
+        found.save(Path(out))
+    return found
+
+
+def spectrum(
+    file: str | Path,
+    *,
+    profile: bool = False,
+    highpass: float | None = None,
+    pixel: float | None = None,
+    out: str | Path | None = None,
+) -> RoadSpectrum:
+    """The power spectrum C(q) of a measured road: a height map, or a line where `profile` is set.
+
+    `highpass`: longest wavelength that counts, m; `pixel`: distance of bare heights, m.  `out`: a .csv for
+    persson_friction.spectrum, with a picture beside it.  Raises BadInput.
+    """
+    if out is not None:
+        _refuse_place(Path(out), ".csv")
+        for path in (Path(out), Path(out).with_suffix(".png")):
+            if path.exists():
+                raise BadInput(f"--out: {path} exists; choose another name")
+    found = roads.power_spectrum(Path(file), profile, highpass, pixel)
+    if out is not None:
+        from flashtemp.viz import spectrum as picture
+
+        found.save(Path(out))
+        picture.draw(found.points, found.summary.law, found.file.name).savefig(Path(out).with_suffix(".png"))
+    return found
+
+
+def _refuse_place(out: Path, suffix: str) -> None:
+    """BadInput where a file cannot go."""
+    if out.suffix != suffix or not out.absolute().parent.is_dir():
+        raise BadInput(f"--out: {out}; give a {suffix} file in a folder that exists")

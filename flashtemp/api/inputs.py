@@ -1,0 +1,37 @@
+"""What every public call accepts: a path or what was loaded from it, and listeners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from flashtemp.model import case as cases
+from flashtemp.model.case import Case
+
+Overrides = Mapping[str, Any]
+Say = Callable[[str], Any]  # told in words what is being done
+Count = Callable[[float, float], Any]  # told (done, total)
+
+
+def silent(text: str) -> None:
+    """Says nothing."""
+
+
+def uncounted(done: float, total: float) -> None:
+    """Counts nothing."""
+
+
+def load(case: str | Path, overrides: Overrides | Iterable[str] | None = None) -> Case:
+    """Read a case: a folder with a case.toml, or a .toml file; `overrides` {"table.key": value}.
+
+    Raises BadInput with all faults at once, one line each.
+    """
+    return cases.load(case, overrides)
+
+
+def case_of(case: str | Path | Case, overrides: Overrides | None = None) -> Case:
+    """A case from its path, or one that is loaded, with overrides.  Raises BadInput."""
+    if not isinstance(case, Case):
+        return load(case, overrides)
+    return case.with_values(overrides) if overrides else case

@@ -1,0 +1,78 @@
+"""What one case answers when it is marched more than once: sweeps, refinement, repetitions, waits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from flashtemp.api.inputs import Count, Overrides, Say, case_of, silent, uncounted
+from flashtemp.model.case import Case
+from flashtemp.runs import convergence, running_in, wait_time
+from flashtemp.runs import sweep as sweeps
+from flashtemp.runs.convergence import Convergence
+from flashtemp.runs.running_in import Settling
+from flashtemp.runs.sweep import Sweep, Swept
+from flashtemp.runs.wait_time import Waiting
+
+
+def sweep(
+    case: str | Path | Case | Sweep,
+    axes: Mapping[str, Sequence[Any]] | None = None,
+    overrides: Overrides | None = None,
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    watch: Count = uncounted,
+) -> Swept:
+    """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
+
+    `axes` {"table.key": values}; `out` keeps every point, so that the same call goes on with an interrupted sweep.
+    Raises BadInput, SolverFailure.
+    """
+    asked = case if isinstance(case, Sweep) else sweeps.plan(case, axes or {}, overrides)
+    if out is None:
+        return sweeps.carry_out(asked, None, workers, scheduler, watch)
+    from flashtemp.viz import sweep as picture
+
+    with sweeps.folder(Path(out), asked) as work:
+        found = sweeps.carry_out(asked, work, workers, scheduler, watch)
+        found.save(work)
+        picture.draw(found.dataset).savefig(work / "sweep.png")
+    return found
+
+
+def converge(case: str | Path | Case, overrides: Overrides | None = None, *, say: Say = silent) -> Convergence:
+    """Observed order of accuracy and error estimate of a case, by refining it.  Raises BadInput, SolverFailure."""
+    return convergence.converge(case_of(case, overrides), say)
+
+
+def repetitions(
+    source: str | Path,
+    *,
+    within: float = 0.01,
+    distance: float | None = None,
+    of: Literal["friction", "pressure"] = "friction",
+) -> Settling:
+    """How many repetitions until data are reproducible: relaxation over the distance slid, with its uncertainty.
+
+    `source`: a result folder, or a CSV file with `distance` m per repetition; `within` is what may remain of the
+    change, as a share of the final value.  Raises BadInput.
+    """
+    return running_in.settling(source, within, distance, of)
+
+
+def wait(
+    case: str | Path | Case,
+    overrides: Overrides | None = None,
+    *,
+    below: float,
+    of: Literal["block", "spot"] = "block",
+    say: Say = silent,
+) -> Waiting:
+    """The shortest wait between repetitions that keeps the block, or its spots, below a temperature in degC.
+
+    Raises BadInput, SolverFailure.
+    """
+    return wait_time.shortest(case_of(case, overrides), below, of, say)

@@ -14,7 +14,7 @@ _PUBLIC = {
     "api.camera": ["import_recording", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
     "api.friction": ["friction", "loads", "tread", "tyre", "spots", "spectrum"],
-    "api.effects": ["effects"],
+    "api.effects": ["effects", "check_effect"],
     "model.case": ["Case"],
     "solver.run": ["Run"],
     "comparison.campaign": ["Campaign"],

@@ -8,7 +8,7 @@ import sys
 from cyclopts import App, CycloptsError
 
 from flashtemp import __version__
-from flashtemp.cli import camera, campaigns, friction, questions, road, simulate, tyre
+from flashtemp.cli import camera, campaigns, effects, friction, questions, road, simulate, tyre
 from flashtemp.cli.terminal import BAD, DONE, FAILED, STOPPED, tell
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 
@@ -19,7 +19,7 @@ app = App(
     suppress_keyboard_interrupt=False,  # told below
 )
 COMMANDS = (
-    simulate.run, questions.sweep, simulate.view, simulate.check, questions.converge, simulate.effects,
+    simulate.run, questions.sweep, simulate.view, simulate.check, questions.converge, effects.effects,
     questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads,
 )  # fmt: skip

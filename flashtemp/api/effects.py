@@ -1,13 +1,21 @@
-"""The catalogue of effects, for people and programs."""
+"""The catalogue of effects, and whether an effect of one's own is sound."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from flashtemp.errors import BadInput
+from flashtemp.model.case_file import parse_overrides
 from flashtemp.physics.effect import Effect, catalogue, find
+from flashtemp.physics.own_effects import installed, read
 from flashtemp.showing import Sheet, Shown
+
+if TYPE_CHECKING:
+    from flashtemp.runs.effect_check.findings import Finding
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,13 +45,77 @@ class Listing(Shown):
         return parts[0] if self.full else Sheet(f"Catalogue of {len(parts)} effects", parts=parts)
 
 
+@dataclass(frozen=True, repr=False)
+class Checked(Shown):
+    """What was found in an effect: `findings`, each with a name, whether all is well, and a sentence."""
+
+    name: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the effect keeps all that the catalogue keeps."""
+        return all(f.ok for f in self.findings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The findings as plain data."""
+        rows = [{"name": f.name, "ok": f.ok, "says": f.says} for f in self.findings]
+        return {"effect": self.name, "ok": self.ok, "findings": rows}
+
+    def __str__(self) -> str:
+        rows = [f"  {'ok   ' if f.ok else 'FAILS'}  {f.name:13s}  {f.says}" for f in self.findings]
+        return "\n".join([self.name, *rows, self._end()])
+
+    def sheet(self) -> Sheet:
+        rows = [(f.name, "ok" if f.ok else "FAILS", f.says) for f in self.findings]
+        return Sheet(f"{self.name}: {self._end()}", rows, ("", "", ""))
+
+    def _end(self) -> str:
+        failed = sum(not f.ok for f in self.findings)
+        mend = f"{failed} of {len(self.findings)} fail; what is not listed waits until they are mended"
+        return mend if failed else "all holds"
+
+
 def effects(name: str | None = None) -> Listing:
     """The catalogue: every effect with its cause in words, parameters, units and source, or one of them.
 
-    Raises BadInput for an unknown name.
+    `name` may be a Python file with an effect, which is executed.  Raises BadInput for an unknown name.
     """
-    chosen = {name: find(name)} if name else catalogue()
+    chosen = dict([_found(name)]) if name else catalogue() | installed()
     return Listing(tuple(describe(n, e) for n, e in chosen.items()), bool(name))
+
+
+def check_effect(name: str | Path, overrides: Mapping[str, Any] | Iterable[str] | None = None) -> Checked:
+    """Hold an effect to all that the catalogue is held to: a name, or a Python file, which is executed.
+
+    `overrides` {"table.key": value} are keys of the small case in which it is tried.  Raises BadInput where there
+    is no such effect or file, and for values that it cannot have.
+    """
+    from flashtemp.runs.effect_check.battery import examine
+    from flashtemp.runs.effect_check.findings import Finding
+    from flashtemp.runs.effect_check.scenes import Bench, Trial
+
+    given, name = parse_overrides(overrides), str(name)
+    if _is_file(name) and not Path(name).is_file():
+        raise BadInput(f"{name}: no such file; give a Python file with one effect")
+    try:
+        trial = Trial(*_found(name), given)
+    except BadInput as fault:
+        if not _is_file(name):
+            raise
+        return Checked(Path(name).stem, (Finding("file", False, "; ".join(fault.lines)),))
+    return Checked(trial.name, tuple(examine(trial, Bench(Path.cwd()))))
+
+
+def _is_file(name: str) -> bool:
+    return name.endswith(".py") or "/" in name
+
+
+def _found(name: str) -> tuple[str, type[Effect]]:
+    """Name and class of an effect: of the catalogue, of an installed package, or of a file.  Raises BadInput."""
+    if _is_file(name):
+        return Path(name).stem, read(Path(name))
+    return name, installed().get(name) or find(name)
 
 
 def describe(name: str, effect: type[Effect]) -> dict[str, Any]:

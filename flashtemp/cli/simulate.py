@@ -1,4 +1,4 @@
-"""Commands on one case: run, view, check; and the catalogue of effects."""
+"""Commands on one case: run, view, check."""
 
 from __future__ import annotations
 
@@ -91,19 +91,4 @@ def check(file: Path, /, *overrides: str, json: Json = False) -> int:
     cells = case.scene.mesh.n_cells
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells}
     emit(answer, json, f"{case}\nok")
-    return DONE
-
-
-def effects(name: str | None = None, json: Json = False) -> int:
-    """The catalogue: every effect with its cause in words, parameters, units and source.
-
-    Parameters
-    ----------
-    name
-        Show this effect only.
-    """
-    from flashtemp.api import effects as api
-
-    found = api.effects(name)
-    emit(list(found.entries), json, str(found))
     return DONE

@@ -72,7 +72,6 @@ class PerssonFriction(Effect):
 
     def heat(self, scene, p):
         """Factor on friction.mu, on the contact fraction, and deposits in depth."""
-
         if p.weight == 0:
             return
         look = friction_table.Reading(lambda: _tabulated(scene, p))

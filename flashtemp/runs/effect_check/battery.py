@@ -1,0 +1,44 @@
+"""All that is looked at in an effect, in the order in which a person would mend it."""
+
+from __future__ import annotations
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.effect import Effect
+from flashtemp.runs.effect_check import balance, camera, laws, source
+from flashtemp.runs.effect_check.findings import Finding
+from flashtemp.runs.effect_check.scenes import Bench, Trial
+
+FILE = (source.file, source.imports, source.example, source.words, source.parameters)
+RUNS = (balance.off, balance.jacobian, balance.linearisation, balance.conservation, balance.energy)
+
+
+def examine(trial: Trial, bench: Bench) -> list[Finding]:
+    """Findings on an effect: its file, then its laws one by one, then runs with it where the laws are sound.
+
+    Raises BadInput for values that it cannot have.
+    """
+    found = [look(trial) for look in FILE]
+    if not trial.heats and trial.effect.see is Effect.see:
+        says = f"{trial.file}: yields nothing; write heat(self, scene, p) or, for a camera, see(self, p)"
+        return [*found, Finding("loads", False, says)]
+    try:
+        bench.scene(trial)
+    except BadInput as fault:
+        return [*found, Finding("loads", False, "; ".join(fault.lines))]
+    found.append(Finding("loads", True, "a small case with it loads: all that it names exists"))
+    if not trial.heats:
+        return found + camera.seen(bench, trial)
+    asked = laws.asked(bench, trial)
+    found += asked
+    if all(f.ok for f in asked):
+        found += _runs(trial, bench)
+    return found
+
+
+def _runs(trial: Trial, bench: Bench) -> list[Finding]:
+    """Findings on runs with an effect whose laws are sound."""
+    if trial.effect.base:  # the base is not without it
+        return [balance.in_every_shape(check, bench, trial) for check in RUNS[1:]]
+    switched = [RUNS[0]] if trial.off() else []
+    found = [balance.in_every_shape(check, bench, trial) for check in [*switched, *RUNS[1:]]]
+    return [*found, balance.sound("acts", trial, lambda: balance.acts(bench, trial))]

@@ -1,0 +1,49 @@
+"""What an effect on the camera gives: quantities of the camera that there are, nothing when it is off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.camera.observation import Instrument
+from flashtemp.camera.recording import Recording
+from flashtemp.errors import FlashtempError
+from flashtemp.runs.effect_check import remedies
+from flashtemp.runs.effect_check.findings import Finding, judged
+from flashtemp.runs.effect_check.scenes import Bench, Trial, acting_of
+
+OFF = "with all parameters off it changes nothing"
+
+
+def recording() -> Recording:
+    """Two frames of three pixels, of two repetitions."""
+    return Recording(
+        view="profile", temperature=np.full((2, 1, 3), 25.0), time=np.array([1.0, 40.0]),
+        repetition=np.array([1, 2]), u=np.array([0.005, 0.0125, 0.02]), v=np.zeros(1),
+    )  # fmt: skip
+
+
+def seen(bench: Bench, trial: Trial) -> list[Finding]:
+    """The findings on an effect that acts on the picture."""
+    given = trial.own
+    off = {k: p.off for k, p in trial.effect.params().items() if p.off is not None}
+    try:
+        on, rest = (_values(acting_of(trial, given | v, bench.folder)) for v in ({}, off))
+    except Exception as fault:
+        if isinstance(fault, FlashtempError):
+            raise
+        return [Finding("laws", False, remedies.of_exception(trial.file, fault))]
+    left = [f"{name} by {np.max(np.abs(v)):.2g}" for name, v in rest.items() if np.any(v != 0)]
+    wild = [name for name, v in on.items() if not np.all(np.isfinite(v))]
+    typo = [] if any(np.any(v != 0) for v in on.values()) else ["at its defaults it changes nothing; look for a typo"]
+    return [
+        judged("laws", [f"{name} is not finite; {remedies.HELD}" for name in wild], "every law gives numbers"),
+        judged("off", [f"at off it still changes {one}; a term is then exactly 0" for one in left], OFF),
+        judged("acts", typo, f"at its defaults it changes {', '.join(on)}"),
+    ]
+
+
+def _values(acting) -> dict[str, np.ndarray]:
+    """What the effect adds to every quantity that it speaks about, of the small recording."""
+    camera = Instrument(recording(), (acting,))
+    names = [part.target.removeprefix("camera.") for part in acting.effect.see(acting.p)]
+    return {f"camera.{name}": np.asarray(camera(name, 0.0), dtype=float) for name in dict.fromkeys(names)}

@@ -1,0 +1,286 @@
+"""Every law of an effect by itself, asked what the balance asks it: finite, differentiable, pointwise, repeatable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.model.laws import STEP
+from flashtemp.model.scene import Acting, Scene
+from flashtemp.physics.effect import Deposit, Effect, Param
+from flashtemp.runs.effect_check import remedies
+from flashtemp.runs.effect_check.balance import rich, states
+from flashtemp.runs.effect_check.findings import Finding, judged
+from flashtemp.runs.effect_check.scenes import Bench, Trial, acting_of
+
+CARRIED = ("T", "face", "local_pressure", "spot_fraction", "covered", "friction", "base")  # may pass a derivative on
+WARM = 100.0  # K above ambient: how far laws of temperature are asked
+FREE = ("contact.cover", "contact.spot_fraction")  # where spots are; what the balance itself holds from zero
+SAME = 1e-12  # relative difference of one answer given twice
+CLOSE, STEEP = 1e-5, 1e8  # of derivatives: relative difference; times its argument over the law, beyond all reason
+
+
+@dataclass(frozen=True)
+class Question:
+    """One contribution (the `number`th of its effect) and what its law was asked: T in K, the moment, the rest."""
+
+    number: int
+    part: Any
+    film: bool
+    T: Any
+    now: Any
+    more: tuple
+
+    def ask(self, p, T=None, now=None, law: Callable | None = None):
+        """The law's answer, at another temperature or moment if given."""
+        law, now = law or self.part.law, self.now if now is None else now
+        return law(now, p) if self.film else law(self.T if T is None else T, now, p, *self.more)
+
+    def named(self) -> str:
+        """The contribution as it stands in the file."""
+        if self.film or not hasattr(self.part, "target"):
+            return f'Heat.{self.part.kind}("{self.part.site}")'
+        return f'{type(self.part).__name__}("{self.part.target}")'
+
+    def with_(self, name: str, value) -> dict[str, Any]:
+        """Arguments of `ask` with another value of T or of a field of the moment."""
+        return {"T": value} if name == "T" else {"now": _moved(self.now, **{name: value})}
+
+    def value(self, name: str):
+        """T, or that field of the moment."""
+        return self.T if name == "T" else getattr(self.now, name, None)
+
+
+class Overheard(Effect):
+    """An effect that notes what its laws are asked."""
+
+    def __init__(self, effect: Effect):
+        self.effect, self.questions = effect, []
+        self.base, self.steady = effect.base, effect.steady
+
+    def heat(self, scene, p):
+        for number, part in enumerate(self.effect.heat(scene, p)):
+            yield part if isinstance(part, Deposit) else replace(part, law=partial(self._law, number, part))
+
+    def _law(self, number, part, *asked):
+        film = getattr(part, "kind", "") == "film"
+        T, now, p, *more = (None, *asked) if film else asked
+        calm = _real(now) if now is not None else None
+        self.questions.append(Question(number, part, film, _bare(T), calm, tuple(more)))
+        return part.law(*asked)
+
+
+def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespace, Scene]:
+    """What the balance asks the laws while sliding and while waiting, in 2D and in 3D; parameters; scene.
+
+    Raises whatever a law raises.
+    """
+    kept: dict[tuple, Question] = {}
+    for shape in ("lifted", "3D"):
+        scene = bench.scene(trial, values=rich(bench, trial, shape))
+        own = next(a for a in scene.acting if a.name == trial.name)
+        note = Overheard(own.effect)
+        acting = tuple(Acting(a.name, note, a.p) if a is own else a for a in scene.acting)
+        for balance, stage, t, y, _ in states(replace(scene, acting=acting)):
+            out = np.zeros(balance.size)
+            stage.rate(t, y, out)
+            stage.footprint.lanes(stage.meet(stage.moment(t), y).state, stage.moment(t))
+            for q in note.questions:
+                kept.setdefault((q.number, shape, stage.phase.sliding), q)
+            note.questions.clear()
+    return list(kept.values()), own.p, scene
+
+
+def asked(bench: Bench, trial: Trial) -> list[Finding]:
+    """The findings on all laws of an effect on the balance."""
+    try:
+        questions, p, scene = overheard(bench, trial)
+    except SolverFailure as fault:
+        return [Finding("laws", False, f"the balance has no answer at its defaults: {fault}")]
+    except FlashtempError:
+        raise
+    except Exception as fault:
+        return [Finding("laws", False, remedies.of_exception(trial.file, fault))]
+    found = []
+    for name, look, good in (
+        ("laws", _answers, "every law gives numbers wherever the balance asks it"),
+        ("repeatable", _repeats, "every law gives the same answer to the same question"),
+        ("pointwise", _pointwise, "every law sees its own point and no other"),
+        ("derivatives", _derivatives, "every law passes its derivative on, by complex step as by differences"),
+    ):
+        faults = [f for q in questions for f in look(trial, q, p, scene)]
+        found.append(judged(name, list(dict.fromkeys(faults)), good))
+    faults = list(dict.fromkeys(_ends(bench, trial, questions, p, scene)))
+    return [*found, judged("ends", faults, "laws stay finite at rest, without pressure, and at every parameter's ends")]
+
+
+# --- one law -----------------------------------------------------------------------------------------
+def _tried(trial: Trial, work: Callable[[], Iterator[str]], where: str = "") -> Iterator[str]:
+    """What work says; an exception of the law is a fault that names its line."""
+    try:
+        with np.errstate(all="ignore"):
+            yield from work()
+    except FlashtempError:
+        raise
+    except Exception as fault:
+        yield remedies.of_exception(trial.file, fault, where)
+
+
+def _answers(trial: Trial, q: Question, p, scene) -> Iterator[str]:
+    def work():
+        value = np.asarray(q.ask(p))
+        at = f"{remedies.place(trial.file, q.part.law)}: {q.named()}"
+        if not np.issubdtype(value.dtype, np.number):
+            yield f"{at} gives {value!r}; give a number"
+        elif q.film and not np.all(np.real(value) >= 0):
+            yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a film carries heat towards what is colder: give >= 0"
+        elif not q.film and not np.all(np.isfinite(value)):
+            yield f"{at} is not finite at its defaults; {remedies.HELD}"
+
+    return _tried(trial, work)
+
+
+def _repeats(trial: Trial, q: Question, p, scene) -> Iterator[str]:
+    def work():
+        first = np.array(q.ask(p))
+        for name in ("T", "local_pressure"):
+            if isinstance(q.value(name), np.ndarray):
+                q.ask(p, **q.with_(name, 1.1 * q.value(name)))
+        if not np.array_equal(first, np.array(q.ask(p)), equal_nan=True):
+            yield (
+                f"{remedies.place(trial.file, q.part.law)}: {q.named()} gives another answer when it is asked again; "
+                "a law keeps nothing and draws no random numbers"
+            )
+
+    return _tried(trial, work)
+
+
+def _pointwise(trial: Trial, q: Question, p, scene) -> Iterator[str]:
+    def work():
+        lead = next((q.value(n) for n in ("T", "local_pressure", "spot_fraction") if np.ndim(q.value(n))), None)
+        if lead is None or len(lead) < 2 or getattr(q.part, "target", "") in FREE[:1]:
+            return
+        rng = np.random.default_rng(5)
+        shake = {
+            n: q.value(n) * (1 + 0.05 * rng.uniform(-1, 1, q.value(n).shape)) for n in CARRIED if np.ndim(q.value(n))
+        }
+        T = shake.pop("T", q.T)
+        now = _moved(q.now, **shake)
+        every = np.broadcast_to(q.ask(p, T=T, now=now), lead.shape)
+        own = {
+            n: v[:1] for n in type(now)._fields if np.ndim(v := getattr(now, n)) == lead.ndim and len(v) == len(lead)
+        }
+        alone = np.broadcast_to(q.ask(p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
+        if not np.allclose(alone, every[:1], rtol=SAME, atol=0.0):
+            yield (
+                f"{remedies.place(trial.file, q.part.law)}: {q.named()} gives another answer at one point when it is "
+                "asked about that point alone; a law sees its own point: no mean, max or sum over an array"
+            )
+
+    return _tried(trial, work)
+
+
+def _derivatives(trial: Trial, q: Question, p, scene) -> Iterator[str]:
+    def work():
+        rng = np.random.default_rng(3)
+        for name in CARRIED:
+            v = q.value(name)
+            if v is None or q.film or not np.issubdtype(np.asarray(v).dtype, np.number):
+                continue
+            v = np.asarray(v, dtype=float)
+            if name in ("T", "face"):
+                v = scene.ambient + rng.uniform(0.0, WARM, v.shape)
+            else:
+                v = v * (1 + 0.2 * rng.uniform(-1, 1, v.shape))
+            step = 3e-6 * np.maximum(np.abs(v), 1e-300)
+            exact = np.imag(q.ask(p, **q.with_(name, v + 1j * STEP * np.abs(v)))) / STEP
+            up, down = (np.asarray(q.ask(p, **q.with_(name, v + s * step))) for s in (1, -1))
+            by = np.real(up - down) / 6e-6
+            if np.any(np.abs(exact - by) > CLOSE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
+                yield remedies.of_slope(trial.file, q.part.law, q.named(), name)
+
+    return _tried(trial, work)
+
+
+# --- where powers blow up ----------------------------------------------------------------------------
+def _ends(bench: Bench, trial: Trial, questions, p, scene) -> Iterator[str]:
+    """Laws that are not finite at rest, without pressure, or where a parameter is at an end of its range."""
+    for where, parameters, laws in [("", p, None), *_bounds(bench, trial, scene)]:
+        for q in questions:
+            law = laws.get(q.number, None) if laws is not None else q.part.law
+            if law is not None and getattr(q.part, "target", "") not in FREE:
+                yield from _tried(trial, partial(_at_ends, trial, q, parameters, law, where), where)
+
+
+def _at_ends(trial: Trial, q: Question, p, law, where: str) -> Iterator[str]:
+    for what, now in _corners(q):
+        value = np.asarray(q.ask(p, now=now, law=law))
+        wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
+        if what == "the local pressure is 0" and not wild:
+            v = now.local_pressure + 1j * STEP
+            slope = np.imag(q.ask(p, now=_moved(now, local_pressure=v), law=law)) / STEP
+            wild = np.any(np.abs(slope) * now.pressure > STEEP * (1.0 + np.max(np.abs(value))))
+        if wild:
+            places = " and ".join(w for w in (what, where) if w) or "it is asked"
+            yield f"{remedies.place(trial.file, law)}: {q.named()} blows up where {places}; {remedies.HELD}"
+            return
+
+
+def _corners(q: Question) -> Iterator[tuple[str, Any]]:
+    """The moment as it was, at rest, and without pressure."""
+    yield "", q.now
+    if q.now is None:
+        return
+    if q.now.touching:
+        yield "the speed is 0", _moved(q.now, speed=0.0, last_speed=0.0)
+    yield "the slid distance and the time are 0", _moved(q.now, slid=0.0, contact_time=0.0, t=0.0)
+    if np.ndim(q.now.local_pressure):
+        yield "the local pressure is 0", _moved(q.now, local_pressure=0.0 * q.now.local_pressure)
+
+
+def _bounds(bench: Bench, trial: Trial, scene) -> Iterator[tuple[str, Any, dict[int, Any]]]:
+    """Every numeric parameter at both ends of its range: words, parameters and laws by number."""
+    given = trial.own
+    if trial.effect.base:
+        return
+    for key, param in trial.effect.params().items():
+        for end in _range(param):
+            try:
+                acting = acting_of(trial, given | {key: end}, bench.folder)
+                parts = [] if _slow(trial.effect) else acting.contributions(scene)
+            except BadInput:
+                continue  # refused in words: that is an answer
+            yield f"{key} = {end:g}", acting.p, {n: c.law for n, c in enumerate(parts) if not isinstance(c, Deposit)}
+
+
+def _range(param: Param) -> list[float]:
+    """Both ends of a parameter's range that are numbers; just inside an open one."""
+    if "number" not in param.kinds or not isinstance(param.value, (int, float)):
+        return []
+    low = param.low + 1e-3 * (param.value - param.low) if param.open_low else param.low
+    return [end for end in (low, param.high) if np.isfinite(end)]
+
+
+def _slow(effect: type[Effect]) -> bool:
+    """Whether each scene of it costs a table: its author looks after the ends."""
+    return effect.leave is not Effect.leave
+
+
+# --- moments -----------------------------------------------------------------------------------------
+def _bare(value):
+    return np.real(value) if np.iscomplexobj(value) else value
+
+
+def _real(now):
+    """A moment without imaginary parts."""
+    return now._replace(**{n: _bare(v) for n in CARRIED[1:] if (v := getattr(now, n)) is not None})
+
+
+def _moved(now, **values):
+    return now._replace(**values) if values else now

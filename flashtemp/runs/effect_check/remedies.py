@@ -1,0 +1,127 @@
+"""The line of a law that goes wrong, and what to write there instead."""
+
+from __future__ import annotations
+
+import ast
+import traceback
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+HELD = "hold what falls to zero: max(now.speed, 1e-4), or where(real(p) > floor, p, floor)"
+LIMIT = "use where(real(x) > bound, x, bound)"
+STEPS = "a step has no slope: leave it out, or use a smooth one, 0.5*(1 + tanh(x/width))"
+ALLOWED = "write it with + - * / **, exp, tanh, where, Curve and Surface"
+NO_DERIVATIVE = {  # functions that lose the derivative or refuse a complex number, and what to use
+    "abs": "use sqrt(x*x + tiny) or where(real(x) > 0, x, -x)",
+    "sign": "use where(real(x) > 0, 1.0, -1.0) or tanh(x/width)",
+    "interp": "use Curve(xs, ys)(x) of flashtemp.physics",
+    "hypot": "use sqrt(x*x + y*y)",
+    "arctan2": "use arctan(y/x)",
+    "max": LIMIT,
+    "min": "use where(real(x) < bound, x, bound)",
+    "clip": LIMIT + " on either side",
+    "floor": STEPS,
+    "heaviside": STEPS,
+    "cbrt": "use x**(1/3), held above zero",
+    "real": "keep x itself; real(x) belongs into the condition of where only",
+    "float": "leave float() out: laws get arrays",
+    "norm": "use sqrt(x*x + y*y)",
+}
+SAME_AS = {
+    "fabs": "abs", "absolute": "abs", "maximum": "max", "fmax": "max", "minimum": "min", "fmin": "min",
+    "amax": "max", "amin": "min", "ceil": "floor", "round": "floor", "rint": "floor", "trunc": "floor",
+    "around": "floor", "copysign": "sign", "angle": "arctan2", "atan2": "arctan2", "int": "float", "float64": "float",
+    "asfarray": "float", "floor_divide": "floor", "digitize": "floor", "searchsorted": "interp",
+}  # fmt: skip
+
+
+def place(file: Path, law: Callable) -> str:
+    """File and line where a law begins."""
+    while isinstance(law, partial):
+        law = law.args[1].law if len(law.args) > 1 and hasattr(law.args[1], "law") else law.func
+    code = getattr(law, "__code__", None)
+    return f"{file}:{code.co_firstlineno}" if code else str(file)
+
+
+def of_slope(file: Path, law: Callable, named: str, variable: str) -> str:
+    """What to say of a law whose derivative by complex step is not that by differences."""
+    found = [f"{file}:{line}: {what}" for line, what in dict.fromkeys(suspects(file, law))]
+    if found:
+        return "; ".join(found[:2])
+    return f"{place(file, law)}: {named} loses its derivative with {variable} under a complex step; {ALLOWED}"
+
+
+def of_exception(file: Path, fault: Exception, where: str = "") -> str:
+    """What to say of an exception that a law raises: its line, and what to write there; `where` it was asked."""
+    frames = traceback.extract_tb(fault.__traceback__)
+    lines = [f.lineno for f in frames if Path(f.filename) == file]
+    said = f"{type(fault).__name__}: {' '.join(str(fault).split())}"
+    if not lines:
+        return f"{file}: a law fails: {said}; a law is law(T, now, p), the coefficient of a film coefficient(now, p)"
+    at = f"{file}:{lines[-1]}"
+    if isinstance(fault, AttributeError) and "SimpleNamespace" in said:
+        return f"{at}: p has no {said.rsplit(' ', 1)[-1]}; it holds the parameters that the class declares"
+    if isinstance(fault, AttributeError) and "Moment" in said:
+        return f"{at}: now has no {said.rsplit(' ', 1)[-1]}; docs/effects.md says what laws see"
+    if isinstance(fault, ZeroDivisionError):
+        return f"{at}: divides by zero{where and ' where ' + where}; {HELD}; a parameter that divides has open_low=True"
+    on_line = [what for line, what in _calls(_tree(file)) if line == lines[-1]]
+    if on_line:
+        return f"{at}: {on_line[0]}"
+    if "truth value of an array" in said or "not supported between instances of 'complex'" in said:
+        return f"{at}: `if`, `and` and max() take one number, a law gets arrays; use where(real(x) > 0, a, b)"
+    if "complex" in said or "safe" in said:
+        return f"{at}: {said}; laws get complex numbers: {ALLOWED}"
+    if "NoneType" in said:
+        return f"{at}: {said}; this quantity does not see what the law asks for: docs/effects.md has the list"
+    return f"{at}: fails: {said}; repair that line"
+
+
+def suspects(file: Path, law: Callable) -> Iterator[tuple[int, str]]:
+    """(line, words) of calls without a complex derivative in a law and in what it calls in its file."""
+    while isinstance(law, partial):
+        law = law.func
+    tree, code = _tree(file), getattr(law, "__code__", None)
+    functions = [n for n in ast.walk(tree) if isinstance(n, (ast.FunctionDef, ast.Lambda))]
+    wanted = [n for n in functions if code and n.lineno == code.co_firstlineno]
+    seen: list[ast.AST] = []
+    while wanted:
+        node = wanted.pop()
+        if node in seen:
+            continue
+        seen.append(node)
+        yield from _calls(node)
+        names = {_name(c.func) for c in ast.walk(node) if isinstance(c, ast.Call)}
+        wanted += [f for f in functions if getattr(f, "name", None) in names]
+
+
+def _tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def _calls(node: ast.AST) -> Iterator[tuple[int, str]]:
+    """Calls below a node that a derivative does not pass; conditions of comparisons are let alone."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Compare):
+            continue
+        if isinstance(child, ast.Call) and (told := _told(child.func)):
+            yield child.lineno, told
+        elif isinstance(child, ast.Attribute) and child.attr == "real":
+            yield child.lineno, f".real drops the derivative; {NO_DERIVATIVE['real']}"
+        yield from _calls(child)
+
+
+def _told(func: ast.expr) -> str | None:
+    """Words about a function that has no complex derivative, or None."""
+    name = _name(func)
+    known = SAME_AS.get(name, name)
+    if known in NO_DERIVATIVE:
+        return f"{name}() has no complex derivative; {NO_DERIVATIVE[known]}"
+    if isinstance(func, ast.Attribute) and isinstance(func.value, ast.Name) and func.value.id == "math":
+        return f"math.{name}() takes neither arrays nor complex numbers; use np.{name}()"
+    return None
+
+
+def _name(func: ast.expr) -> str:
+    return func.attr if isinstance(func, ast.Attribute) else getattr(func, "id", "")

@@ -1,0 +1,119 @@
+"""Small scenes with one effect on trial in them; every run is made once."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from flashtemp.errors import BadInput
+from flashtemp.model import build, case_file
+from flashtemp.model.case_file import Places
+from flashtemp.model.numerics import Settings, settings
+from flashtemp.model.scene import Acting, Scene
+from flashtemp.physics.effect import Effect, catalogue
+from flashtemp.solver.march import march
+from flashtemp.solver.run import Run
+
+SMALL = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
+    "block.height": 0.002,
+    "road.track_length": 0.15,
+    "schedule.distance": 0.2,
+    "schedule.repetitions": 2,
+    "schedule.wait": 1.0,
+    "numerics.cells": [8, 8, 8],
+    "output.profiles": 6,
+}
+SHAPES: dict[str, dict[str, Any]] = {  # how the block waits, and whether it has a width
+    "lifted": {},
+    "resting": {"schedule.lifted": False},
+    "3D": {"numerics.across": 3, "ambient.road_sides": 30.0},
+}
+RICH = {  # every base effect acts
+    "contact.alpha": 2e4,
+    "contact.heat_split": 0.7,
+    "contact.spot_exponent": 0.7,
+    "contact.gap_coefficient": 30.0,
+    "friction.volumetric_share": 0.3,
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An effect on trial, by name and class; `values` {"table.key": value} that it cannot do without."""
+
+    name: str
+    effect: type[Effect]
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def file(self) -> Path:
+        """The file that the effect stands in."""
+        return Path(inspect.getmodule(self.effect).__file__)
+
+    @property
+    def heats(self) -> bool:
+        """Whether it acts on the balance; the others act on the picture only."""
+        return self.effect.heat is not Effect.heat
+
+    def off(self) -> dict[str, float]:
+        """All parameters that can be off, off, as {"table.key": value}."""
+        table = self.effect.section or self.name
+        return {f"{table}.{k}": p.off for k, p in self.effect.params().items() if p.off is not None}
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """Values of its own table, by key."""
+        return {k.split(".", 1)[1]: v for k, v in self.values.items() if k.startswith(f"{self.name}.")}
+
+    @property
+    def rest(self) -> dict[str, Any]:
+        """Values of all other tables, {"table.key": value}."""
+        return {k: v for k, v in self.values.items() if not k.startswith(f"{self.name}.")}
+
+
+class Bench:
+    """Cases, scenes and runs with an effect on trial; files are looked up in `folder`."""
+
+    def __init__(self, folder: Path = Path()):
+        self.folder = folder
+        self._runs: dict[tuple, Run] = {}
+
+    def given(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> tuple[Scene, Settings]:
+        """The small scene with the effect on trial, effects `beside` it and values of keys.  Raises BadInput."""
+        known = catalogue() | ({trial.name: trial.effect} if trial else {})
+        named = [trial.name] if trial and not trial.effect.base else []
+        own = dict(trial.values) if trial else {}
+        where = Places("the small case", by="--check")
+        raw = case_file.merge({}, SMALL | {"effects": [*beside, *named]} | own | dict(values or {}), where.by)
+        reader = case_file.Reader(known, where)
+        listed = reader.names(raw, "effects", list(known)) or ()
+        tables = reader.values(raw, listed, ())
+        if reader.faults:
+            raise BadInput(*reader.faults)
+        acting = {n: e for n, e in known.items() if e.base or n in listed}
+        return build.scene(tables, acting, self.folder), settings(tables)
+
+    def scene(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> Scene:
+        """The small scene.  Raises BadInput."""
+        return self.given(trial, beside, values)[0]
+
+    def run(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> Run:
+        """The run of the small scene, made once.  Raises BadInput, SolverFailure."""
+        key = (trial and (trial.name, trial.effect), tuple(beside), repr(sorted((values or {}).items())))
+        if key not in self._runs:
+            self._runs[key] = march(*self.given(trial, beside, values))
+        return self._runs[key]
+
+    def without(self, trial: Trial, values: Mapping[str, Any]) -> Run:
+        """The run of the small scene without the effect on trial, all else the same."""
+        return self.run(None, values=trial.rest | dict(values))
+
+
+def acting_of(trial: Trial, own: Mapping[str, Any], folder: Path) -> Acting:
+    """The effect on trial with values of its own keys, the others at their defaults.  Raises BadInput."""
+    values = {k: p.value for k, p in trial.effect.params().items()} | dict(own)
+    return Acting(trial.name, trial.effect(), SimpleNamespace(**trial.effect.prepare(values, folder)))

@@ -25,12 +25,13 @@ from flashtemp.runs.workers import crew
 from flashtemp.showing import Shown, write_json
 
 
-def open_campaign(campaign: str | Path, planned: bool = False) -> Campaign:
+def open_campaign(campaign: str | Path, planned: bool = False, *, trust: bool = False) -> Campaign:
     """Read a campaign: a folder with a campaign.toml, or a .toml file, and everything that it names.
 
-    With `planned` a recording may give a view instead of a file, as before measuring.  Raises BadInput.
+    With `planned` a recording may give a view instead of a file, as before measuring; `trust` lets effect files of its
+    case run whose ever they are.  Raises BadInput.
     """
-    return reading.load(campaign, planned)
+    return reading.load(campaign, planned, trust)
 
 
 def campaign_of(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:

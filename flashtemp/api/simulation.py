@@ -43,9 +43,14 @@ def simulate(
     return job.simulate(case_of(case, overrides), folder, overwrite, pvd, watch, say, _draw)
 
 
-def resume(folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = silent) -> Run:
-    """Go on with an interrupted run from its checkpoint.  Raises BadInput, Interrupted, SolverFailure."""
-    return job.resume(Path(folder), pvd, watch, say, _draw)
+def resume(
+    folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = silent, trust: bool = False
+) -> Run:
+    """Go on with an interrupted run from its checkpoint; `trust` as in `load`.
+
+    Raises BadInput, Interrupted, SolverFailure.
+    """
+    return job.resume(Path(folder), pvd, watch, say, _draw, trust)
 
 
 def _draw(run: Run, folder: Path, animated: bool, say: Say) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, emit, result_folder, teller
+from flashtemp.cli.terminal import DONE, Json, Trust, emit, result_folder, teller
 
 
-def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -> int:
+def compare(campaign: Path, /, *, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
     """Simulate what the cameras of a campaign saw, subtract, draw: one HTML report and one JSON.
 
     Parameters
@@ -19,7 +19,7 @@ def compare(campaign: Path, /, *, out: Path | None = None, json: Json = False) -
     """
     from flashtemp.api import campaigns
 
-    loaded = campaigns.open_campaign(campaign)
+    loaded = campaigns.open_campaign(campaign, trust=trust)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
     result = campaigns.compare(loaded, out=folder, say=teller(json))
     emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
@@ -33,6 +33,7 @@ def discover(
     out: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """Find what the simulation gets wrong, name the cause, extend the model and measure the gain.
@@ -50,7 +51,7 @@ def discover(
     """
     from flashtemp.api import campaigns
 
-    loaded = campaigns.open_campaign(campaign)
+    loaded = campaigns.open_campaign(campaign, trust=trust)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
     verdict = campaigns.discover(loaded, out=folder, workers=workers, scheduler=scheduler, say=teller(json))
     emit(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
@@ -82,7 +83,9 @@ def plan(
     """
     from flashtemp.api import campaigns
 
-    outlook = campaigns.plan(campaign, out=out, workers=workers, scheduler=scheduler)
+    outlook = campaigns.plan(
+        campaigns.open_campaign(campaign, planned=True, trust=trust), out=out, workers=workers, scheduler=scheduler
+    )
     emit(outlook.as_dict(), json, str(outlook))
     return DONE
 
@@ -97,6 +100,7 @@ def twin(
     conditions: int = 4,
     views: str = "sidewall,wake",
     nuisance: float = 1.0,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """A synthetic campaign with a hidden effect, as a laboratory would hand it over; the truth is sealed.
@@ -123,7 +127,7 @@ def twin(
     from flashtemp.api import campaigns, inputs
 
     made = campaigns.twin(
-        inputs.load(case, list(overrides)),
+        inputs.load(case, list(overrides), trust=trust),
         hide=[name for part in hide.split(",") if (name := part.strip()) and name != "none"],
         seed=seed,
         out=out,

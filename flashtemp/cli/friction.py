@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, counter, emit, result_folder
+from flashtemp.cli.terminal import DONE, Json, Trust, counter, emit, result_folder
 from flashtemp.errors import BadInput
 
 
@@ -15,6 +15,7 @@ def friction(
     out: Path | None = None,
     slowest: float = 1e-6,
     fastest: float = 10.0,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """Friction over speed and temperature from a master curve and a power spectrum, and what a slope tester reaches.
@@ -35,7 +36,7 @@ def friction(
     from flashtemp.api import friction as api
     from flashtemp.api import inputs
 
-    loaded = inputs.load(case, list(overrides))
+    loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-friction")
     found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
     emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
@@ -50,6 +51,7 @@ def loads(
     speeds: str = "0.1,0.5,1.0",
     out: Path | None = None,
     workers: int | None = None,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
@@ -74,7 +76,7 @@ def loads(
     from flashtemp.api import friction as api
     from flashtemp.api import inputs
 
-    loaded = inputs.load(case, list(overrides))
+    loaded = inputs.load(case, list(overrides), trust=trust)
     p, v = _numbers("--pressures", pressures, 2), _numbers("--speeds", speeds, 1)
     folder = result_folder(out, f"{loaded.name}-loads")
     with counter(loaded.name) as watch:

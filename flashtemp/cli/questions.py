@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from flashtemp.cli.terminal import DONE, FAILED, Json, counter, emit, teller
+from flashtemp.cli.terminal import DONE, FAILED, Json, Trust, counter, emit, teller
 
 
 def sweep(
@@ -15,6 +15,7 @@ def sweep(
     out: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
@@ -37,7 +38,7 @@ def sweep(
     from flashtemp.api import questions
     from flashtemp.runs import sweep as sweeps
 
-    asked = sweeps.plan(case, *sweeps.parsed(list(values)))
+    asked = sweeps.plan(case, *sweeps.parsed(list(values)), trust)
     folder = out or Path("results") / f"{asked.case.name}-sweep"
     with counter(asked.case.name) as watch:
         found = questions.sweep(asked, out=folder, workers=workers, scheduler=scheduler, watch=watch)
@@ -45,7 +46,7 @@ def sweep(
     return FAILED if found.failed else DONE
 
 
-def converge(case: str, /, *overrides: str, json: Json = False) -> int:
+def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
     """Observed order of accuracy and error estimate of a case, by refining it.
 
     Parameters
@@ -57,7 +58,7 @@ def converge(case: str, /, *overrides: str, json: Json = False) -> int:
     """
     from flashtemp.api import inputs, questions
 
-    result = questions.converge(inputs.load(case, list(overrides)), say=teller(json))
+    result = questions.converge(inputs.load(case, list(overrides), trust=trust), say=teller(json))
     emit(result.as_dict(), json, str(result))
     return DONE
 
@@ -97,6 +98,7 @@ def wait(
     *overrides: str,
     below: float,
     of: Literal["block", "spot"] = "block",
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """The shortest wait between repetitions that keeps the block below a temperature.
@@ -114,6 +116,6 @@ def wait(
     """
     from flashtemp.api import inputs, questions
 
-    result = questions.wait(inputs.load(case, list(overrides)), below=below, of=of, say=teller(json))
+    result = questions.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=teller(json))
     emit(result.as_dict(), json, str(result))
     return DONE

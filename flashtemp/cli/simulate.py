@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flashtemp.cli.terminal import DONE, Json, Switch, emit, progress_bar, result_folder, tell, teller
+from flashtemp.cli.terminal import DONE, Json, Switch, Trust, emit, progress_bar, result_folder, tell, teller
 from flashtemp.errors import BadInput
 
 
@@ -19,6 +19,7 @@ def run(
     resume: Path | None = None,
     overwrite: Annotated[bool, Switch] = False,
     pvd: Annotated[bool, Switch] = False,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """Simulate a case: T(x, t), pictures and VTK in a result folder.
@@ -46,9 +47,9 @@ def run(
             raise BadInput("--resume: an interrupted run goes on as it was; leave out the key=value")
         folder = resume.with_name(resume.name.removesuffix(".partial"))
         with progress_bar("resuming") as watch:
-            result = simulation.resume(resume, pvd=pvd, watch=watch, say=say)
+            result = simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust)
     else:
-        loaded = inputs.load(case, list(overrides))
+        loaded = inputs.load(case, list(overrides), trust=trust)
         folder = result_folder(out, loaded.name)
         with progress_bar(loaded.name) as watch:
             result = simulation.simulate(loaded, out=folder, overwrite=overwrite, pvd=pvd, watch=watch, say=say)
@@ -75,7 +76,7 @@ def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None 
     return DONE
 
 
-def check(file: Path, /, *overrides: str, json: Json = False) -> int:
+def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
     """Validate a case with exactly the code of run, and print what it would simulate.
 
     Parameters
@@ -87,7 +88,7 @@ def check(file: Path, /, *overrides: str, json: Json = False) -> int:
     """
     from flashtemp.api import inputs, simulation
 
-    case = simulation.check(inputs.load(file, list(overrides)))
+    case = simulation.check(inputs.load(file, list(overrides), trust=trust))
     cells = case.scene.mesh.n_cells
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells}
     emit(answer, json, f"{case}\nok")

@@ -18,6 +18,12 @@ Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
 ]
 Switch = Parameter(negative=())
+Trust = Annotated[
+    bool,
+    Parameter(
+        name="--trust", negative=(), help="Let effect files of the case run though they are not known to be yours."
+    ),
+]
 
 
 def tell(text: str) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, counter, emit, result_folder
+from flashtemp.cli.terminal import DONE, Json, Trust, counter, emit, result_folder
 
 
-def tread(case: str, /, *overrides: str, out: Path | None = None, json: Json = False) -> int:
+def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
     """One tread block through its footprint: friction on its way from the cold to the hot branch, at several slips.
 
     Parameters
@@ -21,7 +21,7 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, json: Json = F
     """
     from flashtemp.api import friction, inputs
 
-    loaded = inputs.load(case, list(overrides))
+    loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tread")
     with counter(loaded.name) as watch:
         found = friction.tread(loaded, out=folder, watch=watch)
@@ -29,7 +29,7 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, json: Json = F
     return DONE
 
 
-def tyre(case: str, /, *overrides: str, out: Path | None = None, json: Json = False) -> int:
+def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
     """Side force of a tyre over slip angle at several loads, with the cold-hot law and with its controls.
 
     Parameters
@@ -43,7 +43,7 @@ def tyre(case: str, /, *overrides: str, out: Path | None = None, json: Json = Fa
     """
     from flashtemp.api import friction, inputs
 
-    loaded = inputs.load(case, list(overrides))
+    loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tyre")
     with counter(loaded.name) as watch:
         found = friction.tyre(loaded, out=folder, watch=watch)

@@ -44,7 +44,10 @@ class Force:
 
 @dataclass(frozen=True)
 class Campaign:
-    """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up."""
+    """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
+
+    `trust`: effect files of the case run whose ever they are.
+    """
 
     title: str
     case: Path
@@ -53,10 +56,11 @@ class Campaign:
     forces: tuple[Force, ...]
     folder: Path
     candidates: tuple[str, ...] | None = None
+    trust: bool = False
 
     def load(self, given: dict[str, Any]) -> cases.Case:
         """The case under the conditions of one entry."""
-        return cases.load(self.case, given)
+        return cases.load(self.case, given, trust=self.trust)
 
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
@@ -74,11 +78,11 @@ def told(given: dict[str, Any]) -> str:
     return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
 
 
-def load(path, planned: bool = False) -> Campaign:
+def load(path, planned: bool = False, trust: bool = False) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
     With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
-    Raises BadInput with all faults at once, one line each.
+    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path

@@ -15,14 +15,18 @@ from flashtemp.model import case_file, numerics, schema
 from flashtemp.model.case_file import Places, Reader
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
+from flashtemp.model.trust import refusal
+from flashtemp.physics import own_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
+from flashtemp.physics.own_effects import OwnEffect, installed
 
 
 @dataclass(frozen=True)
 class Case:
     """A validated case: `values` {table: {key: value}} with every default, and where it came from.
 
-    `folder` is where relative file names are looked up.
+    `folder` is where relative file names are looked up; `own` are effects from files of the case's own, and `trust`
+    says whether the user lets any such file run.
     """
 
     title: str
@@ -32,11 +36,13 @@ class Case:
     name: str = "case"
     candidates: tuple[str, ...] | None = None
     free: tuple[str, ...] = ("friction.mu",)
+    own: tuple[OwnEffect, ...] = ()
+    trust: bool = False
 
     @cached_property
     def known(self) -> Mapping[str, type[Effect]]:
-        """Effects by name that this case may use, whether it does or not."""
-        return catalogue()
+        """Effects by name that this case may use, whether it does or not: catalogue, installed packages, own files."""
+        return known(self.own)
 
     @cached_property
     def scene(self) -> Scene:
@@ -64,7 +70,7 @@ class Case:
 
     def with_values(self, changed: Mapping[str, Any]) -> Case:
         """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
-        return assemble(self._raw(), dict(changed), Places(self.name), self.folder, self.name)
+        return assemble(self._raw(), dict(changed), Places(self.name), self.folder, self.name, self.trust, self.own)
 
     def files(self) -> dict[str, str]:
         """Dotted keys whose value is the name of a file, with that name."""
@@ -76,13 +82,28 @@ class Case:
         }
 
     def copy_files(self, folder: Path) -> dict[str, str]:
-        """Copy the files that the case names into a folder's inputs/; returns their new names by key."""
+        """Copy the files that the case names into a folder's inputs/; returns their new names by key.
+
+        Effect files keep their names, which are the effects', and are written as they were read.
+        """
         renamed: dict[str, str] = {}
         for key, name in self.files().items():
             renamed[key] = f"inputs/{key}{Path(name).suffix}"
             (folder / "inputs").mkdir(exist_ok=True)
             shutil.copyfile(self.folder / name, folder / renamed[key])
+        for own in self._listed():
+            renamed[own.name] = f"inputs/{own.name}.py"
+            (folder / "inputs").mkdir(exist_ok=True)
+            (folder / renamed[own.name]).write_text(own.source, encoding="utf-8")
         return renamed
+
+    def own_effects(self) -> dict[str, dict[str, str]]:
+        """Where a result keeps each effect file of the case, and the digest of its content."""
+        return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed()}
+
+    def _listed(self) -> list[OwnEffect]:
+        """Own effects that the case lists."""
+        return [o for o in self.own if o.name in (*self.effects, *(self.candidates or ()))]
 
     def toml(self, rename: Mapping[str, str] | None = None) -> str:
         """The effective case as TOML that gives the same run again."""
@@ -92,9 +113,12 @@ class Case:
 
     def _raw(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
         """The effective case as the tables of a file, files under their new names."""
-        out: dict[str, Any] = {"title": self.title, "effects": list(self.effects), "free": list(self.free)}
+        paths = {o.name: (rename or {}).get(o.name, o.path) for o in self.own}
+        out: dict[str, Any] = {
+            "title": self.title, "effects": [paths.get(n, n) for n in self.effects], "free": list(self.free),
+        }  # fmt: skip
         if self.candidates is not None:
-            out["candidates"] = list(self.candidates)
+            out["candidates"] = [paths.get(n, n) for n in self.candidates]
         for table, values in self.values.items():
             kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
             if table.startswith("materials."):
@@ -107,12 +131,122 @@ class Case:
         return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
 
 
+def known(self) -> Mapping[str, type[Effect]]:
+        """Effects by name that this case may use, whether it does or not: catalogue, installed packages, own files."""
+        return known(self.own)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Mesh, materials, schedule and acting effects.  Raises BadInput for values that do not go together."""
+        acting = {n: effect for n, effect in self.known.items() if effect.base or n in self.effects}
+        return building.scene(self.values, acting, self.folder)
+
+    @property
+    def settings(self) -> Settings:
+        """Numerics; BadInput when the CVODE binding is not installed."""
+        return numerics.settings(self.values)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: the scene is built there anew."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __getitem__(self, dotted: str) -> Any:
+        """Value of "table.key"."""
+        table, key = dotted.rsplit(".", 1)
+        return self.values[table][key]
+
+    def declared(self, table: str) -> dict[str, Param]:
+        """All keys that a table may have, with their declarations."""
+        return schema.declared(table, self.known)
+
+    def with_values(self, changed: Mapping[str, Any]) -> Case:
+        """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
+        return assemble(self._raw(), dict(changed), Places(self.name), self.folder, self.name, self.trust, self.own)
+
+    def files(self) -> dict[str, str]:
+        """Dotted keys whose value is the name of a file, with that name."""
+        return {
+            f"{t}.{k}": v
+            for t, table in self.values.items()
+            for k, v in table.items()
+            if isinstance(v, str) and "text" in self.declared(t).get(k, schema.NOTHING).kinds
+        }
+
+    def copy_files(self, folder: Path) -> dict[str, str]:
+        """Copy the files that the case names into a folder's inputs/; returns their new names by key.
+
+        Effect files keep their names, which are the effects', and are written as they were read.
+        """
+        renamed: dict[str, str] = {}
+        for key, name in self.files().items():
+            renamed[key] = f"inputs/{key}{Path(name).suffix}"
+            (folder / "inputs").mkdir(exist_ok=True)
+            shutil.copyfile(self.folder / name, folder / renamed[key])
+        for own in self._listed():
+            renamed[own.name] = f"inputs/{own.name}.py"
+            (folder / "inputs").mkdir(exist_ok=True)
+            (folder / renamed[own.name]).write_text(own.source, encoding="utf-8")
+        return renamed
+
+    def own_effects(self) -> dict[str, dict[str, str]]:
+        """Where a result keeps each effect file of the case, and the digest of its content."""
+        return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed()}
+
+    def _listed(self) -> list[OwnEffect]:
+        """Own effects that the case lists."""
+        return [o for o in self.own if o.name in (*self.effects, *(self.candidates or ()))]
+
+    def toml(self, rename: Mapping[str, str] | None = None) -> str:
+        """The effective case as TOML that gives the same run again."""
+        import tomli_w
+
+        return tomli_w.dumps(self._raw(rename))
+
+    def _raw(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
+        """The effective case as the tables of a file, files under their new names."""
+        paths = {o.name: (rename or {}).get(o.name, o.path) for o in self.own}
+        out: dict[str, Any] = {
+            "title": self.title, "effects": [paths.get(n, n) for n in self.effects], "free": list(self.free),
+        }  # fmt: skip
+        if self.candidates is not None:
+            out["candidates"] = [paths.get(n, n) for n in self.candidates]
+        for table, values in self.values.items():
+            kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
+            if table.startswith("materials."):
+                out.setdefault("materials", {})[table.split(".", 1)[1]] = kept
+            elif kept:
+                out[table] = kept
+        return out
+
+    def __str__(self) -> str:
+        return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a case comes from: `folder` for its files, `name`, the word of the user, effects that are read already."""
+
+    folder: Path
+    name: str
+    trust: bool = False
+    own: tuple[OwnEffect, ...] = ()
+
+
+def known(own: Iterable[OwnEffect] = ()) -> dict[str, type[Effect]]:
+    """Effects by name: the catalogue, base effects first, those of installed packages, and a case's own."""
+    return dict(catalogue()) | installed() | {o.name: o.effect for o in own}
+
+
 def load(
-    path: str | Path, overrides: Mapping[str, Any] | Iterable[str] | None = None, by: str = "command line"
+    path: str | Path,
+    overrides: Mapping[str, Any] | Iterable[str] | None = None,
+    by: str = "command line",
+    trust: bool = False,
 ) -> Case:
     """Read a case folder or .toml file, with overrides {"table.key": value} or ["table.key=value"].
 
-    Raises BadInput with all faults at once, one line each; `by` says there where overrides come from.
+    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
+    each; `by` says there where overrides come from.
     """
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
@@ -122,29 +256,66 @@ def load(
     given = case_file.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem
-    return assemble(raw, given, Places(str(file), text, set(given), by), file.parent, name)
+    return assemble(raw, given, Places(str(file), text, set(given), by), file.parent, name, trust)
 
 
-def assemble(raw: dict[str, Any], given: dict[str, Any], where: Places, folder: Path, name: str) -> Case:
-    """Check raw tables and overrides against the declared keys, fill in the defaults and build the scene."""
-    known = catalogue()
-    reader = Reader(known, where)
-    raw = case_file.merge(raw, given, where.by)
-    effects = reader.names(raw, "effects", [n for n, e in known.items() if not e.base]) or ()
-    candidates = reader.names(raw, "candidates", known)
+def assemble(
+    raw: dict[str, Any],
+    given: dict[str, Any],
+    where: Places,
+    folder: Path,
+    name: str,
+    trust: bool = False,
+    held: tuple[OwnEffect, ...] = (),
+) -> Case:
+    """Check raw tables and overrides against the declared keys, fill in the defaults and build the scene.
+
+    `held` are effect files that are read already.  Raises BadInput with all faults.
+    """
+    before, raw = case_file.own_files(raw), case_file.merge(raw, given, where.by)
+    own = _own(raw, where, folder, trust, held)
+    able = known(own)
+    reader = Reader(able, where)
+    effects = reader.names(raw, "effects", [n for n, e in able.items() if not e.base]) or ()
+    candidates = reader.names(raw, "candidates", able)
     # effects chosen on the command line: the file's tables of other effects rest
     asked = {g.split(".")[0] for g in given if "." in g}
-    resting = known.keys() - asked if "effects" in given else ()
+    resting = {*able, *(Path(f).stem for f in before)} - asked if "effects" in given else set()
     values = reader.values(raw, effects, resting)
     free, title = reader.free(raw, values), reader.title(raw, name)
     if reader.faults:
         raise BadInput(*reader.faults)
-    case = Case(title, values, effects, folder, name, candidates, free)
+    case = Case(title, values, effects, folder, name, candidates, free, own, trust)
     try:
         _ = case.scene, case.settings
     except BadInput as fault:
         raise BadInput(*(where.prefix(line) for line in fault.lines)) from fault
     return case
+
+
+def _own(
+    raw: dict[str, Any], where: Places, folder: Path, trust: bool, held: tuple[OwnEffect, ...]
+) -> tuple[OwnEffect, ...]:
+    """Effects of the files that a case lists, after those that are read already.  Raises BadInput."""
+    found, faults = {o.path: o for o in held}, []
+    for path in case_file.own_files(raw):
+        if path in found:
+            continue
+        key = "effects" if path in (case_file.listed(raw.get("effects", [])) or ()) else "candidates"
+        file, name = folder / path, Path(path).stem
+        if name in (*schema.TABLES, *schema.APART, *case_file.LISTS, "materials"):
+            faults.append(f"{where(key)}: {path!r}: '{name}' is a key of every case; give the file another name")
+        elif twin := next((o.path for o in found.values() if o.name == name), None):
+            faults.append(f"{where(key)}: {path!r} and {twin!r} are both named '{name}'; give one another name")
+        elif not file.is_file():
+            faults.append(f"{where(key)}: {path!r}: no such file in {folder}; give a Python file with one effect")
+        elif not trust and (why := refusal(Path(where.file), folder, file)):
+            faults.append(f"{where(key)}: {why}")
+        else:
+            found[path] = own_effects.own(path, folder)
+    if faults:
+        raise BadInput(*faults)
+    return tuple(found.values())
 
 
 # names of before, until every caller has changed

@@ -97,6 +97,16 @@ def merge(raw: Table, given: Table, by: str) -> Table:
     return out
 
 
+def own_files(raw: Table) -> list[str]:
+    """Names of the files that a case lists among its effects and candidates, each once.
+
+    >>> own_files({"effects": ["wear", "./fan.py"], "candidates": ["./fan.py"]})
+    ['./fan.py']
+    """
+    named = [v for key in ("effects", "candidates") for v in listed(raw.get(key, [])) or ()]
+    return [v for v in dict.fromkeys(named) if v.endswith(".py")]
+
+
 @dataclass(frozen=True)
 class Reader:
     """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far."""
@@ -117,6 +127,7 @@ class Reader:
         if value is None:
             self.fault(key, f"{raw[key]!r}; give a list of names that `flashtemp effects` prints")
             return ()
+        value = [Path(v).stem if v.endswith(".py") else v for v in value]
         for name in value:
             if name not in allowed:
                 always = name in self.known

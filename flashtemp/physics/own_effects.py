@@ -6,6 +6,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
@@ -25,15 +26,18 @@ def read(path: Path) -> type[Effect]:
     Raises BadInput naming file, line and remedy: no such file, a name that cannot be one or that the catalogue has,
     a file that does not run, no effect in it or more than one.
     """
-    path = Path(path)
     name_of(path)
+    return executed(str(path), _text(path))
+
+
+def _text(path: Path) -> str:
+    """The text of an effect file.  Raises BadInput."""
     try:
-        source = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as fault:
         raise BadInput(f"{path}: not a text file; give a Python file with one effect") from fault
     except OSError as fault:
         raise BadInput(f"{path}: {fault.strerror}; give a Python file with one effect") from fault
-    return executed(str(path), source)
 
 
 def name_of(path: Path) -> str:
@@ -108,3 +112,36 @@ def _declared(point: EntryPoint, said: str) -> type[Effect]:
     if not (isinstance(effect, type) and issubclass(effect, Effect)) or effect.base:
         raise BadInput(f"{GROUP}: {said} is no effect; name a subclass of Effect (base = False) or a module with one")
     return effect
+
+
+@dataclass(frozen=True)
+class OwnEffect:
+    """An effect file that was read: `name`, its `path` as the case gives it, the `file` it was, and its `source`.
+
+    It carries the text itself, so that another process runs just what was read and checked here.
+    """
+
+    name: str
+    path: str
+    file: str
+    source: str
+
+    @property
+    def effect(self) -> type[Effect]:
+        """The effect that the text defines."""
+        return executed(self.file, self.source)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the text, which tells one content from another."""
+        return sha256(self.source.encode()).hexdigest()
+
+
+def own(path: str, folder: Path) -> OwnEffect:
+    """An effect file that a case in `folder` names as `path`, read and executed.  Raises BadInput like `read`."""
+    file = folder / path
+    found = OwnEffect(name_of(file), path, str(file), _text(file))
+    _ = found.effect
+    if found.name in installed():
+        raise BadInput(f"{file}: an installed package has an effect '{found.name}'; give the file another name")
+    return found

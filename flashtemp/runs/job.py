@@ -99,8 +99,12 @@ def resume(
     watch: Callable[[Progress, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
     draw: Draw = lambda run, folder, animated, say: None,
+    trust: bool = False,
 ) -> Run:
-    """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1."""
+    """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1.
+
+    `trust` lets effect files of the case run whose ever they are.
+    """
     folder = Path(folder)
     out = folder.with_name(folder.name.removesuffix(".partial"))
     work = partial(out)
@@ -108,7 +112,7 @@ def resume(
         what = "it is already whole" if (out / "run.nc").exists() else f"no {CHECKPOINT} in {work}"
         raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
     with _hold(work):
-        case = cases.load(work)
+        case = cases.load(work, trust=trust)
         scene, state = case.scene, load(work)
         return _carry_out(case, scene, case.settings, state, work, out, pvd, watch, say, draw)
 
@@ -125,6 +129,8 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -
         text = (work / "case.toml").read_text(encoding="utf-8")
         remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
         about = {"versions": versions(numerics.binding)} | ({"remarks": remarks} if remarks else {})
+        if own := case.own_effects():
+            about["own_effects"] = own
         run = replace(run, case_text=text, statistics=run.statistics | about)
         for a in scene.acting:
             a.effect.leave(scene, a.p, work)

@@ -131,10 +131,15 @@ def parsed(given: list[str]) -> tuple[dict[str, tuple], dict[str, Any]]:
     return axes, fixed
 
 
-def plan(case: str | Path | cases.Case, axes: Mapping[str, Sequence], fixed: Mapping[str, Any] | None = None) -> Sweep:
+def plan(
+    case: str | Path | cases.Case,
+    axes: Mapping[str, Sequence],
+    fixed: Mapping[str, Any] | None = None,
+    trust: bool = False,
+) -> Sweep:
     """A case (or the path of one) with overrides `fixed` over the values of its `axes`; checks every combination.
 
-    Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
+    `trust` lets effect files of the case run whose ever they are.  Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
     """
     axes, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
     if not axes:
@@ -145,7 +150,11 @@ def plan(case: str | Path | cases.Case, axes: Mapping[str, Sequence], fixed: Map
             raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
 
     def made(more: dict[str, Any]) -> cases.Case:
-        return case.with_values(given | more) if isinstance(case, cases.Case) else cases.load(case, given | more)
+        return (
+            case.with_values(given | more)
+            if isinstance(case, cases.Case)
+            else cases.load(case, given | more, trust=trust)
+        )
 
     points = [  # copied, so that the many do not keep the scenes with which they were checked
         replace(made(dict(zip(axes, values, strict=True)))) for values in itertools.product(*axes.values())

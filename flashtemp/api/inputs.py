@@ -25,7 +25,8 @@ def uncounted(done: float, total: float) -> None:
 def load(case: str | Path, overrides: Overrides | Iterable[str] | None = None, *, trust: bool = False) -> Case:
     """Read a case: a folder with a case.toml, or a .toml file; `overrides` {"table.key": value}.
 
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line each.
+    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
+    each.
     """
     return cases.load(case, overrides, trust=trust)
 

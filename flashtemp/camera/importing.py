@@ -331,7 +331,7 @@ def _block(facts: Facts) -> tuple[float, float] | None:
         return MM * facts.block[0], MM * facts.block[1]
     if facts.case is None:
         return None
-    from flashtemp.model.case import load
+    from flashtemp.model.case import NO_EFFECTS, load
 
-    case = load(facts.case)
+    case = load(facts.case, NO_EFFECTS)
     return case["block.length"], case["block.height"]

@@ -121,9 +121,9 @@ def repetitions(seen: Seen, time: np.ndarray, facts: Facts) -> np.ndarray:
             raise BadInput(f"starts: {list(facts.starts)}; they must increase, s from the first start of sliding")
         return np.maximum(np.searchsorted(starts, time + 1e-9, side="right"), 1)
     if facts.case is not None:
-        from flashtemp.model.case import load
+        from flashtemp.model.case import NO_EFFECTS, load
 
-        begins = sorted({p.start for p in load(facts.case).scene.schedule.phases})
+        begins = sorted({p.start for p in load(facts.case, NO_EFFECTS).scene.schedule.phases})
         return np.maximum(np.searchsorted(begins, time + 1e-9, side="right"), 1)
     if all(f.repetition is not None for _, f in seen):
         return np.concatenate([f.repetition for _, f in seen])

@@ -65,6 +65,7 @@ def plan(
     out: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    trust: Trust = False,
     json: Json = False,
 ) -> int:
     """Before measuring: which effects these views and conditions can tell apart, and which experiment to add.
@@ -83,9 +84,8 @@ def plan(
     """
     from flashtemp.api import campaigns
 
-    outlook = campaigns.plan(
-        campaigns.open_campaign(campaign, planned=True, trust=trust), out=out, workers=workers, scheduler=scheduler
-    )
+    loaded = campaigns.open_campaign(campaign, planned=True, trust=trust)
+    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler)
     emit(outlook.as_dict(), json, str(outlook))
     return DONE
 

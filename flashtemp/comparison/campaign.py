@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,7 @@ from flashtemp.camera import recording, synthetic
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
-from flashtemp.model import case_file, schema
-from flashtemp.physics.effect import catalogue
+from flashtemp.model import case_file
 from flashtemp.physics.interpolation import pairs
 
 NETD = 0.05  # K, of a camera that is imagined
@@ -82,7 +82,8 @@ def load(path, planned: bool = False, trust: bool = False) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
     With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line each.
+    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
+    each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
@@ -93,37 +94,37 @@ def load(path, planned: bool = False, trust: bool = False) -> Campaign:
     for key in raw.keys() - TOP:
         faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
     case = _case(raw, where, folder, faults)
+    believed = _believed(case, trust, faults)
+    under = None if believed is None else partial(cases.load, case, trust=trust)
     entries = {kind: _entries(raw, kind, where, faults) for kind in ENTRY}
     views = [
-        v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, case, folder, faults, planned))
+        v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, under, folder, faults, planned))
     ]
-    forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, case, folder, faults))]
+    forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, under, folder, faults))]
     if not faults and not views and not forces:
         faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
+    able = believed.known if believed is not None else cases.known()
     for key in ("free", "candidates"):
         value = raw.get(key, [])
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             faults.append(f"{where(key)}: {value!r}; give a list of names in quotes")
         elif key == "candidates":
             faults += [
-                f"{where(key)}: effect '{n}' is not in the catalogue{nearest(n, catalogue())}"
-                for n in value
-                if n not in catalogue()
+                f"{where(key)}: effect '{n}' is not in the catalogue{nearest(n, able)}" for n in value if n not in able
             ]
     if not isinstance(raw.get("title", ""), str):
         faults.append(f"{where('title')}: {raw['title']!r}; give text in quotes")
     if faults:
         raise BadInput(*faults)
-    believed = cases.load(case)
     free = raw.get("free", list(believed.free))
-    known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in schema.declared(t)[k].kinds]
+    known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in believed.declared(t)[k].kinds]
     for key in free:
         if key not in known:
             raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")
     candidates = raw.get("candidates")
     return Campaign(
         raw.get("title", file.resolve().parent.name), case, tuple(free), tuple(views), tuple(forces), folder,
-        None if candidates is None else tuple(candidates),
+        None if candidates is None else tuple(candidates), trust,
     )  # fmt: skip
 
 
@@ -137,6 +138,15 @@ def _case(raw, where, folder: Path, faults: list[str]) -> Path | None:
         faults.append(f"{where('case')}: no file '{name}' in {folder}; give the case that is believed")
         return None
     return path
+
+
+def _believed(case: Path | None, trust: bool, faults: list[str]) -> cases.Case | None:
+    """The case as it stands; None, and its faults told once, when it cannot be loaded."""
+    try:
+        return None if case is None else cases.load(case, trust=trust)
+    except BadInput as fault:
+        faults.extend(fault.lines)
+        return None
 
 
 def _entries(raw, kind: str, where, faults: list[str]) -> list[dict]:
@@ -156,7 +166,7 @@ def _imagined(view: str, case: cases.Case) -> Recording:
     return synthetic.blank(view, scene, *synthetic.moments(scene.schedule, 4, 1), NETD)
 
 
-def _common(entry, kind: str, number: int, where, case, folder, faults, imagined: bool = False) -> dict | None:
+def _common(entry, kind: str, number: int, where, under, folder, faults, imagined: bool = False) -> dict | None:
     """Keys that recordings and forces share, checked; None when the entry cannot be used."""
     place, good = f"{where(kind)}: {kind} {number}", len(faults)
     file, given, held = entry.get("file"), entry.get("with", {}), entry.get("held_out", False)
@@ -171,9 +181,9 @@ def _common(entry, kind: str, number: int, where, case, folder, faults, imagined
         faults.append(f"{place}: held_out: {held!r}; give true or false")
     if not isinstance(given, dict):
         faults.append(f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
-    elif case is not None:
+    elif under is not None:
         try:
-            cases.load(case, given, by="with")
+            under(given, by="with")
         except BadInput as fault:
             faults.extend(f"{place}: {line}" for line in fault.lines)
     name = "sigma_K" if kind == "recording" else "sigma"
@@ -183,18 +193,18 @@ def _common(entry, kind: str, number: int, where, case, folder, faults, imagined
     return None if len(faults) > good else {"file": file, "given": given, "held_out": held}
 
 
-def _view(entry, number, where, case, folder, faults, planned: bool) -> View | None:
+def _view(entry, number, where, under, folder, faults, planned: bool) -> View | None:
     imagined = planned and "view" in entry and "file" not in entry
     if imagined and entry["view"] not in synthetic.FACES:
         known = ", ".join(synthetic.FACES)
         faults.append(f"{where('recording')}: recording {number}: view: {entry['view']!r}; give {known}")
         return None
-    common = _common(entry, "recording", number, where, case, folder, faults, imagined)
+    common = _common(entry, "recording", number, where, under, folder, faults, imagined)
     if common is None:
         return None
     if imagined:
         common["file"] = f"planned {number} {entry['view']}"
-        taken = _imagined(entry["view"], cases.load(case, common["given"]))
+        taken = _imagined(entry["view"], under(common["given"]))
         return View(recording=taken, sigma_K=entry.get("sigma_K"), **common)
     try:
         return View(recording=recording.load(folder / common["file"]), sigma_K=entry.get("sigma_K"), **common)
@@ -203,8 +213,8 @@ def _view(entry, number, where, case, folder, faults, planned: bool) -> View | N
         return None
 
 
-def _force(entry, number, where, case, folder, faults) -> Force | None:
-    common = _common(entry, "force", number, where, case, folder, faults)
+def _force(entry, number, where, under, folder, faults) -> Force | None:
+    common = _common(entry, "force", number, where, under, folder, faults)
     if common is None:
         return None
     try:

@@ -16,11 +16,12 @@ import numpy as np
 
 from flashtemp.camera import synthetic
 from flashtemp.camera.observation import ABOVE, WAKE
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
 from flashtemp.model.numerics import available, choose
 from flashtemp.model.schema import declared, refinement
-from flashtemp.physics.effect import catalogue, find
+from flashtemp.physics import own_effects
+from flashtemp.physics.effect import catalogue
 from flashtemp.runs.folders import whole
 from flashtemp.solver.march import march
 
@@ -58,15 +59,26 @@ def twin(case: cases.Case, plan: Plan, out, watch: Callable[[str], Any] = lambda
     Raises BadInput, SolverFailure.
     """
     out = Path(out)
+    case, plan = _with_files(case, plan)
     _check(case, plan)
     with whole(out) as work:
         _write(case, plan, work, watch)
     return out
 
 
+def _with_files(case: cases.Case, plan: Plan) -> tuple[cases.Case, Plan]:
+    """The case with effect files that are to be hidden, each read where the user names it, and the plan by names."""
+    files = [own_effects.own(h, Path()) for h in plan.hidden if h.endswith(".py")]
+    held = {o.name: o for o in (*case.own, *files)}
+    hidden = tuple(Path(h).stem if h.endswith(".py") else h for h in plan.hidden)
+    return replace(case, own=tuple(held.values())), replace(plan, hidden=hidden)
+
+
 def _check(case: cases.Case, plan: Plan) -> None:
     for name in plan.hidden:
-        if find(name).base:
+        if name not in case.known:
+            raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, case.known)}")
+        if case.known[name].base:
             raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
     if len(set(plan.hidden)) < len(plan.hidden):
         raise BadInput(f"--hide: {', '.join(plan.hidden)}: an effect is named twice; once is enough")
@@ -121,6 +133,9 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
     }  # fmt: skip
     (work / "campaign.toml").write_text(tomli_w.dumps(head | entries), encoding="utf-8")
     (work / SEALED).parent.mkdir()
+    for own in case.own:
+        if own.name in plan.hidden:
+            (work / SEALED).with_name(f"{own.name}.py").write_text(own.source, encoding="utf-8")
     (work / SEALED).write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
 
 
@@ -134,7 +149,7 @@ def _within(key: str, value: float) -> float:
 def strength(name: str, case: cases.Case, rng) -> dict[str, float]:
     """Parameters of a hidden effect: half to one and a half times its default, or what the case says of it."""
     out = {}
-    for key, param in find(name).params().items():
+    for key, param in case.known[name].params().items():
         base = case.values.get(name, {}).get(key, param.value)
         if isinstance(base, bool) or not isinstance(base, (int, float)):
             continue

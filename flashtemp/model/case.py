@@ -20,6 +20,8 @@ from flashtemp.physics import own_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
 from flashtemp.physics.own_effects import OwnEffect, installed
 
+NO_EFFECTS = {"effects": [], "candidates": [], "free": []}  # for questions about block and schedule alone
+
 
 @dataclass(frozen=True)
 class Case:
@@ -129,107 +131,6 @@ class Case:
 
     def __str__(self) -> str:
         return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
-
-
-def known(self) -> Mapping[str, type[Effect]]:
-        """Effects by name that this case may use, whether it does or not: catalogue, installed packages, own files."""
-        return known(self.own)
-
-    @cached_property
-    def scene(self) -> Scene:
-        """Mesh, materials, schedule and acting effects.  Raises BadInput for values that do not go together."""
-        acting = {n: effect for n, effect in self.known.items() if effect.base or n in self.effects}
-        return building.scene(self.values, acting, self.folder)
-
-    @property
-    def settings(self) -> Settings:
-        """Numerics; BadInput when the CVODE binding is not installed."""
-        return numerics.settings(self.values)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: the scene is built there anew."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-    def __getitem__(self, dotted: str) -> Any:
-        """Value of "table.key"."""
-        table, key = dotted.rsplit(".", 1)
-        return self.values[table][key]
-
-    def declared(self, table: str) -> dict[str, Param]:
-        """All keys that a table may have, with their declarations."""
-        return schema.declared(table, self.known)
-
-    def with_values(self, changed: Mapping[str, Any]) -> Case:
-        """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
-        return assemble(self._raw(), dict(changed), Places(self.name), self.folder, self.name, self.trust, self.own)
-
-    def files(self) -> dict[str, str]:
-        """Dotted keys whose value is the name of a file, with that name."""
-        return {
-            f"{t}.{k}": v
-            for t, table in self.values.items()
-            for k, v in table.items()
-            if isinstance(v, str) and "text" in self.declared(t).get(k, schema.NOTHING).kinds
-        }
-
-    def copy_files(self, folder: Path) -> dict[str, str]:
-        """Copy the files that the case names into a folder's inputs/; returns their new names by key.
-
-        Effect files keep their names, which are the effects', and are written as they were read.
-        """
-        renamed: dict[str, str] = {}
-        for key, name in self.files().items():
-            renamed[key] = f"inputs/{key}{Path(name).suffix}"
-            (folder / "inputs").mkdir(exist_ok=True)
-            shutil.copyfile(self.folder / name, folder / renamed[key])
-        for own in self._listed():
-            renamed[own.name] = f"inputs/{own.name}.py"
-            (folder / "inputs").mkdir(exist_ok=True)
-            (folder / renamed[own.name]).write_text(own.source, encoding="utf-8")
-        return renamed
-
-    def own_effects(self) -> dict[str, dict[str, str]]:
-        """Where a result keeps each effect file of the case, and the digest of its content."""
-        return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed()}
-
-    def _listed(self) -> list[OwnEffect]:
-        """Own effects that the case lists."""
-        return [o for o in self.own if o.name in (*self.effects, *(self.candidates or ()))]
-
-    def toml(self, rename: Mapping[str, str] | None = None) -> str:
-        """The effective case as TOML that gives the same run again."""
-        import tomli_w
-
-        return tomli_w.dumps(self._raw(rename))
-
-    def _raw(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """The effective case as the tables of a file, files under their new names."""
-        paths = {o.name: (rename or {}).get(o.name, o.path) for o in self.own}
-        out: dict[str, Any] = {
-            "title": self.title, "effects": [paths.get(n, n) for n in self.effects], "free": list(self.free),
-        }  # fmt: skip
-        if self.candidates is not None:
-            out["candidates"] = [paths.get(n, n) for n in self.candidates]
-        for table, values in self.values.items():
-            kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
-            if table.startswith("materials."):
-                out.setdefault("materials", {})[table.split(".", 1)[1]] = kept
-            elif kept:
-                out[table] = kept
-        return out
-
-    def __str__(self) -> str:
-        return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Where a case comes from: `folder` for its files, `name`, the word of the user, effects that are read already."""
-
-    folder: Path
-    name: str
-    trust: bool = False
-    own: tuple[OwnEffect, ...] = ()
 
 
 def known(own: Iterable[OwnEffect] = ()) -> dict[str, type[Effect]]:

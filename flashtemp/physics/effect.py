@@ -134,7 +134,11 @@ class Effect:
         return values
 
     def heat(self, scene, p) -> Iterator[Heat | Factor | Term | Deposit]:
-        """Contributions to the balance of `scene`."""
+        """Contributions to the balance of `scene`.
+
+        Asked more than once: first on an outline of the scene without `scene.mesh`, because the mesh follows from how deep
+        heat is released; then on the scene itself.  Laws may use the mesh, this method may not.
+        """
         return iter(())
 
     def remarks(self, scene, p, run=None) -> list[str]:
@@ -174,7 +178,10 @@ def only_effect(module: ModuleType) -> type[Effect]:
     if not kinds:
         raise BadInput(f"{module.__file__}:1: holds no effect; write one class that is derived from Effect")
     if len(kinds) > 1:
-        line = inspect.getsourcelines(kinds[1])[1]
+        try:
+            line = inspect.getsourcelines(kinds[1])[1]
+        except OSError:  # the text is not there, or does not show it
+            line = 1
         names = " and ".join(k.__name__ for k in kinds)
         raise BadInput(f"{module.__file__}:{line}: holds {len(kinds)} effects, {names}; give each a file of its own")
     return kinds[0]

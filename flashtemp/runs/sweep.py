@@ -139,7 +139,9 @@ def plan(
 ) -> Sweep:
     """A case (or the path of one) with overrides `fixed` over the values of its `axes`; checks every combination.
 
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
+    `trust` lets effect files of the case run whose ever they are.
+
+    Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
     """
     axes, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
     if not axes:
@@ -277,7 +279,7 @@ def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):
         values = [np.full(shape, np.nan) if p is None else p[name] for p in found]
         table = np.array(values).reshape(*sweep.shape, *shape)
         data[name] = ((*axes, *dims), table, {"units": unit, "long_name": words})
-    coords = {key: (key, _coordinate(values), {"units": _unit(key)}) for key, values in sweep.axes.items()}
+    coords = {key: (key, _coordinate(values), {"units": _unit(sweep.case, key)}) for key, values in sweep.axes.items()}
     coords["repetition"] = ("repetition", np.arange(1, repetitions + 1), {"units": "1", "long_name": "1-based"})
     coords["place"] = ("place", PLACES, {"units": "1", "long_name": "x/L from the leading edge"})
     about = {"title": sweep.case.title, "case": sweep.case.toml(), "Conventions": "CF-1.11"}
@@ -291,6 +293,6 @@ def _coordinate(values: tuple) -> np.ndarray:
     return np.array([str(v) for v in values])
 
 
-def _unit(key: str) -> str:
+def _unit(case: cases.Case, key: str) -> str:
     table, _, name = key.rpartition(".")
-    return schema.declared(table).get(name, schema.NOTHING).unit or "1"
+    return case.declared(table).get(name, schema.NOTHING).unit or "1"

@@ -136,7 +136,7 @@ class Effect:
     def heat(self, scene, p) -> Iterator[Heat | Factor | Term | Deposit]:
         """Contributions to the balance of `scene`.
 
-        Asked more than once: first on an outline of the scene without `scene.mesh`, because the mesh follows from how deep
+        Asked more than once: first on an outline of the scene without `scene.mesh`, as the mesh follows from how deep
         heat is released; then on the scene itself.  Laws may use the mesh, this method may not.
         """
         return iter(())

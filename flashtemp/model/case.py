@@ -19,12 +19,13 @@ from flashtemp.model.trust import refusal
 from flashtemp.physics import own_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
 from flashtemp.physics.own_effects import OwnEffect, installed
+from flashtemp.showing import Sheet, Shown
 
 NO_EFFECTS = {"effects": [], "candidates": [], "free": []}  # for questions about block and schedule alone
 
 
-@dataclass(frozen=True)
-class Case:
+@dataclass(frozen=True, repr=False)
+class Case(Shown):
     """A validated case: `values` {table: {key: value}} with every default, and where it came from.
 
     `folder` is where relative file names are looked up; `own` are effects from files of the case's own, and `trust`
@@ -131,6 +132,15 @@ class Case:
 
     def __str__(self) -> str:
         return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
+
+    def sheet(self) -> Sheet:
+        """For a notebook: effects and scene, with every table of the case to unfold."""
+        rows = [("effects", ", ".join(self.effects) or "bare base"), ("cells", self.scene.mesh.n_cells)]
+        parts = []
+        for table, values in self.values.items():
+            units = {k: p.unit for k, p in self.declared(table).items()}
+            parts.append(Sheet(f"[{table}]", [(k, v, units.get(k, "")) for k, v in values.items()]))
+        return Sheet(f"Case '{self.title}' ({self.name})", rows, parts=parts)
 
 
 def known(own: Iterable[OwnEffect] = ()) -> dict[str, type[Effect]]:

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.showing import Shown
 from flashtemp.solver.run import Run
 
 LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
@@ -208,8 +209,8 @@ def _parts(run: Run, solids: dict[str, Body], frame: int) -> dict:
     return out
 
 
-@dataclass(frozen=True)
-class Fields:
+@dataclass(frozen=True, repr=False)
+class Fields(Shown):
     """Fields of a finished run: `times` (n,) in s, and the grids at any of them."""
 
     path: Path
@@ -257,6 +258,10 @@ class Fields:
         """The title of the run."""
         with h5py.File(self.path) as file:
             return str(file["flashtemp"].attrs["title"])
+
+    def __str__(self) -> str:
+        first, last = self.times[0], self.times[-1]
+        return f"Fields of '{self.title}'\n  {len(self.times)} moments from {first:g} to {last:g} s\n  in {self.path}"
 
     def _nearest(self, t: float) -> int:
         return int(np.argmin(np.abs(self.times - t)))

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
+from flashtemp.showing import Sheet, Shown
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
@@ -220,6 +221,23 @@ class Run:
             f" energy imbalance {s['energy_imbalance']:.1e}\n"
             f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s{remarks}"
         )
+
+    def sheet(self) -> Sheet:
+        s = self.summary
+        rows = [
+            ("rise at the leading edge", s["rise_leading_K"], "K"),
+            ("rise in the middle", s["rise_middle_K"], "K"),
+            ("rise at the trailing edge", s["rise_trailing_K"], "K"),
+            ("hottest spot", s["T_max_degC"], "degC"),
+            ("friction, last repetition", s["friction_per_repetition"][-1], "1"),
+            ("mean worn depth", s["worn_mean_m"], "m"),
+            ("energy imbalance", s["energy_imbalance"], "1"),
+            ("cells", s["cells"], ""),
+        ]
+        heat = Sheet("Where the heat went", [(name, value, "J") for name, value in s["energy_J"].items()])
+        each = [(n, mu) for n, mu in enumerate(s["friction_per_repetition"], 1)]
+        friction = Sheet("Friction", each, ("repetition", "mu"))
+        return Sheet(f"Run '{self.title}'", rows, notes=s.get("remarks", ()), parts=[heat, friction])
 
 
 NOT_LOSSES = {"friction", "into_road", "lane_in", "lane_out", "lane_air", "block", "lanes", "share"}

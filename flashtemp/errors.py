@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 
 class FlashtempError(Exception):
@@ -30,12 +32,12 @@ class SolverFailure(FlashtempError):
 class Interrupted(FlashtempError):
     """The user stopped the work; what goes on from it is left in `path`, and `how` to."""
 
-    def __init__(self, path, how: str):
+    def __init__(self, path: Path, how: str):
         super().__init__(f"interrupted; checkpoint left in {path}; go on with: {how}")
         self.path = path
 
 
-def nearest(name: str, known) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
     """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
 
     >>> nearest("frction", ["friction", "contact"])

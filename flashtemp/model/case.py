@@ -21,7 +21,8 @@ from flashtemp.physics.effect import Effect, Param, catalogue
 from flashtemp.physics.own_effects import OwnEffect, installed
 from flashtemp.showing import Sheet, Shown
 
-NO_EFFECTS = {"effects": [], "candidates": [], "free": []}  # for questions about block and schedule alone
+# for questions about block and schedule alone
+NO_EFFECTS: dict[str, Any] = {"effects": [], "candidates": [], "free": []}
 
 
 @dataclass(frozen=True, repr=False)

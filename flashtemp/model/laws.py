@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from flashtemp.model.scene import Scene, gauss_mean
-from flashtemp.physics.effect import Deposit, Factor, Term
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.scene import Moment, Scene, gauss_mean
+from flashtemp.physics.arrays import Array, Value
+from flashtemp.physics.effect import Deposit, Factor, Heat, Term
 
 STEP = 1e-30  # complex step: exact derivative to rounding
 
@@ -14,57 +18,57 @@ class Laws:
     """Contributions of all acting effects, sorted by quantity; no effect is known by name."""
 
     def __init__(self, scene: Scene):
-        self.terms: dict[str, list] = {}
-        self.factors: dict[str, list] = {}
-        self.films: dict[str, list] = {}
-        self.patches: list = []
-        self.zones: list = []
-        self.deposits: list = []
+        self.terms: dict[str, list[tuple[Term, Any, str]]] = {}
+        self.factors: dict[str, list[tuple[Factor, Any, str]]] = {}
+        self.films: dict[str, list[tuple[Heat, Any, str]]] = {}
+        self.patches: list[tuple[Heat, Any, str]] = []
+        self.zones: list[tuple[Heat, Any, str]] = []
+        self.deposits: list[Deposit] = []
         self.restless = False  # an effect's word about the contact changes: ask it at every moment
         for acting in scene.acting:
             for part in acting.contributions(scene):
-                entry = (part, acting.p, acting.name)
                 target = getattr(part, "target", "")
                 kind = acting.effect
                 self.restless |= not (kind.base or kind.steady) and target.startswith(("contact.", "road.lane"))
                 if isinstance(part, Term):
-                    self.terms.setdefault(part.target, []).append(entry)
+                    self.terms.setdefault(part.target, []).append((part, acting.p, acting.name))
                 elif isinstance(part, Factor):
-                    self.factors.setdefault(part.target, []).append(entry)
+                    self.factors.setdefault(part.target, []).append((part, acting.p, acting.name))
                 elif isinstance(part, Deposit):
                     self.deposits.append(part)
                 elif part.kind == "film":
-                    self.films.setdefault(part.site, []).append(entry)
+                    self.films.setdefault(part.site, []).append((part, acting.p, acting.name))
                 else:
-                    (self.patches if part.kind == "patch" else self.zones).append(entry)
+                    (self.patches if part.kind == "patch" else self.zones).append((part, acting.p, acting.name))
 
     def has(self, target: str) -> bool:
         """Whether any effect speaks about this quantity."""
         return target in self.terms or target in self.factors
 
-    def __call__(self, target: str, base, T, now, *args):
+    def __call__(self, target: str, base: Value, T: Value, now: Moment | None, *args: Any) -> Value:
         """(base + sum of terms) times product of factors."""
         value = base
         for part, p, _ in self.terms.get(target, ()):
             value = value + part.law(T, now, p, *args)
-        for part, p, _ in self.factors.get(target, ()):
-            value = value * part.law(T, now._replace(base=value) if now is not None else now, p, *args)
+        for factor, p, _ in self.factors.get(target, ()):
+            value = value * factor.law(T, now._replace(base=value) if now is not None else now, p, *args)
         return value
 
-    def contributors(self, T, now) -> dict[str, float]:
+    def contributors(self, T: Value, now: Moment) -> dict[str, float]:
         """Size of each effect's heat at a state, to name the largest one when a solve fails."""
         sizes = {}
-        for part, p, name in self.terms.get("friction.mu", []) + self.factors.get("friction.mu", []):
+        laws = (*self.terms.get("friction.mu", ()), *self.factors.get("friction.mu", ()))
+        for part, p, name in laws:
             sizes[name] = float(np.max(np.abs(part.law(T, now, p)))) * now.pressure * now.speed
         for site in self.films.values():
-            for part, p, name in site:
-                h = part.law(now, p)
+            for film, p, name in site:
+                h = film.law(now, p)
                 if np.isfinite(h):
                     sizes[name] = max(sizes.get(name, 0.0), h * float(np.max(np.abs(T - now.ambient))))
         return sizes
 
 
-def laws_mean(laws: Laws, target: str, mesh, now, base: float = 1.0):
+def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.0) -> Array:
     """Means over the columns under the block of a quantity whose laws depend on x and y; `base` where no law speaks.
 
     In 2D laws are asked on the centre line.
@@ -73,8 +77,8 @@ def laws_mean(laws: Laws, target: str, mesh, now, base: float = 1.0):
         return np.full(len(mesh.column_x), base)
     edges = mesh.x[mesh.first : mesh.last + 1]
 
-    def along(y):
-        def law(x):
+    def along(y: Value) -> Array:
+        def law(x: Value) -> Value:
             at = now._replace(x=x[:, None], y=y)
             return laws(target, base, None, at) + 0.0 * (at.x + y)
 

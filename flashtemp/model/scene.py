@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -9,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.schedule import Schedule
+from flashtemp.model.schedule import Phase, Schedule
 from flashtemp.physics import contributions
+from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.effect import Effect
 from flashtemp.physics.material import Material
 
@@ -126,9 +128,9 @@ class Scene:
     @property
     def resolved(self) -> bool:
         """Whether there are cells across: 3D."""
-        return self.mesh.n_across > 1
+        return bool(self.mesh.n_across > 1)
 
-    def moment(self, phase, t: float) -> Moment:
+    def moment(self, phase: Phase, t: float) -> Moment:
         """The schedule at time t within a phase."""
         s = self.schedule
         since = t - phase.start
@@ -149,9 +151,9 @@ class Scene:
         return f"Scene\n  {self.mesh}\n  {self.schedule}\n  effects: {names}"
 
 
-def gauss_mean(law, edges: np.ndarray, *args) -> np.ndarray:
+def gauss_mean(law: Callable[..., Value], edges: Array, *args: Any) -> Array:
     """Cell means of a pointwise law of x by three Gauss points per cell."""
     nodes, weights = GAUSS
     mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     values = [np.asarray(law(mid + half * s, *args)) for s in nodes]
-    return sum(w * v for w, v in zip(weights, values, strict=True)) / 2
+    return np.asarray(sum(w * v for w, v in zip(weights, values, strict=True)) / 2)

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from flashtemp.physics.arrays import Array, Value
+
 
 @dataclass(frozen=True)
 class Series:
@@ -22,7 +24,7 @@ class Series:
     value: tuple[float, ...]
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _arrays(self) -> tuple[Array, Array, Array]:
         """Times, values and the integral from 0 up to every row."""
         t, v = np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
         steps = np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))
@@ -46,7 +48,7 @@ class Series:
         k = int(np.searchsorted(times, t)) - 1
         return float(area[k] + 0.5 * (values[k] + self(t)) * (t - times[k]))
 
-    def reach(self, area):
+    def reach(self, area: Value) -> Value:
         """Time at which the integral first equals `area` (number or array); inf when it never does."""
         wanted = np.asarray(area, dtype=float)
         t, v, sums = self._arrays
@@ -66,7 +68,7 @@ class Series:
         found = np.where(wanted <= 0, 0.0, found)
         return found if np.ndim(area) else float(found)
 
-    def ago(self, t: float, x):
+    def ago(self, t: float, x: Value) -> Value:
         """How long before t the road now at x (m, number or array) was at 0; t for road not there yet."""
         if len(self.value) == 1:
             return np.minimum(x / self.value[0], t)
@@ -113,7 +115,7 @@ class Schedule:
     @cached_property
     def slide_time(self) -> float:
         """Duration of one repetition of sliding, s."""
-        return self.speed.reach(self.distance)
+        return float(self.speed.reach(self.distance))
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -121,15 +123,15 @@ class Schedule:
         out, t = [], 0.0
         for r in range(self.repetitions):
             before = r * self.distance
-            cuts: set[float] = set()
+            events: set[float] = set()
             for series in (self.speed, self.pressure):
                 if 1 < len(series.time) <= 40:
-                    cuts |= {k for k in series.time if 0 < k < self.slide_time}
+                    events |= {k for k in series.time if 0 < k < self.slide_time}
             if self.lap:
                 laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
-                cuts |= {self.speed.reach(n * self.lap - before) for n in laps}
+                events |= {self.speed.reach(n * self.lap - before) for n in laps}
             tiny = 1e-9 * self.slide_time
-            inner = sorted(c for c in cuts if tiny < c < self.slide_time - tiny)
+            inner = sorted(c for c in events if tiny < c < self.slide_time - tiny)
             cuts = [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
             for a, b in pairwise(cuts):
                 out.append(Phase(r + 1, True, t + a, t + b, t, before))

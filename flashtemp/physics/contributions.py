@@ -6,7 +6,6 @@ import math
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from numbers import Number
 from typing import Any
 
 import numpy as np
@@ -112,4 +111,4 @@ def _said(part: Term | Factor) -> str:
 
 def _number(value: Any) -> bool:
     """Whether a number is finite; complex where a derivative is taken."""
-    return isinstance(value, Number) and not isinstance(value, bool) and math.isfinite(np.real(value))
+    return isinstance(value, (int, float, complex)) and not isinstance(value, bool) and math.isfinite(np.real(value))

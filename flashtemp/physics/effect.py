@@ -14,10 +14,52 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from math import inf
+from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.physics.arrays import Value
+from flashtemp.physics.material import Material
+
+Law = Callable[..., Value]  # law(T, now, p): T in K, `now` the moment, `p` the effect's parameters
+FilmLaw = Callable[..., Value]  # law(now, p)
+
+
+class SceneView(Protocol):
+    """What `heat()` may ask of a scene: lengths in m, `ambient` in K, `speeds` m/s, `load` Pa; `resolved` in 3D.
+
+    Laws may ask for its `mesh` too.
+    """
+
+    @property
+    def block(self) -> Material: ...
+    @property
+    def road(self) -> Material: ...
+    @property
+    def schedule(self) -> Any: ...
+    @property
+    def ambient(self) -> float: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def width(self) -> float: ...
+    @property
+    def height(self) -> float: ...
+    @property
+    def spot_diameter(self) -> float: ...
+    @property
+    def spot_fraction(self) -> float: ...
+    @property
+    def track_length(self) -> float | None: ...
+    @property
+    def stiffness(self) -> float: ...
+    @property
+    def speeds(self) -> tuple[float, float]: ...
+    @property
+    def load(self) -> float: ...
+    @property
+    def resolved(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -64,17 +106,17 @@ class Heat:
 
     kind: str
     site: str
-    law: Callable
+    law: Law
     to: str = "air"
-    far: Callable | None = None
+    far: FilmLaw | None = None
 
     @classmethod
-    def patch(cls, site: str, law: Callable, to: str = "air") -> Heat:
+    def patch(cls, site: str, law: Law, to: str = "air") -> Heat:
         """Flux into the body through a named patch of the mesh, W/m2."""
         return cls("patch", site, law, to)
 
     @classmethod
-    def film(cls, site: str, coefficient: Callable, to: str = "air", far: Callable | None = None) -> Heat:
+    def film(cls, site: str, coefficient: FilmLaw, to: str = "air", far: FilmLaw | None = None) -> Heat:
         """Convective film: `coefficient(now, p)` in W/m2K, inf for a fixed temperature.
 
         The far temperature is the ambient one unless `far(now, p)` gives another, K.
@@ -82,7 +124,7 @@ class Heat:
         return cls("film", site, coefficient, to, far)
 
     @classmethod
-    def zone(cls, site: str, law: Callable, to: str = "air") -> Heat:
+    def zone(cls, site: str, law: Law, to: str = "air") -> Heat:
         """Volumetric heat in "block" or "road", W/m3."""
         return cls("zone", site, law, to)
 
@@ -92,7 +134,7 @@ class Factor:
     """A law that multiplies a quantity of the balance, such as "friction.mu"; 1 does nothing."""
 
     target: str
-    law: Callable
+    law: Law
 
 
 @dataclass(frozen=True)
@@ -100,7 +142,7 @@ class Term:
     """A law that adds to a quantity of the balance, in that quantity's unit; 0 does nothing."""
 
     target: str
-    law: Callable
+    law: Law
 
 
 @dataclass(frozen=True)
@@ -129,11 +171,11 @@ class Effect:
         return {k: v for k, v in vars(cls).items() if isinstance(v, Param)}
 
     @classmethod
-    def prepare(cls, values: dict[str, Any], folder) -> dict[str, Any]:
+    def prepare(cls, values: dict[str, Any], folder: Path) -> dict[str, Any]:
         """Case values turned into what the laws use, such as tables read; raises BadInput."""
         return values
 
-    def heat(self, scene, p) -> Iterator[Heat | Factor | Term | Deposit]:
+    def heat(self, scene: SceneView, p: Any) -> Iterator[Heat | Factor | Term | Deposit]:
         """Contributions to the balance of `scene`.
 
         Asked more than once: first on an outline of the scene without `scene.mesh`, as the mesh follows from how deep
@@ -141,14 +183,14 @@ class Effect:
         """
         return iter(())
 
-    def remarks(self, scene, p, run=None) -> list[str]:
+    def remarks(self, scene: SceneView, p: Any, run: Any = None) -> list[str]:
         """What a user should know before believing the result `run`."""
         return []
 
-    def leave(self, scene, p, folder) -> None:
+    def leave(self, scene: SceneView, p: Any, folder: Path) -> None:
         """Write into a result folder what spares work when the run is repeated from there."""
 
-    def see(self, p) -> Iterator[Factor | Term]:
+    def see(self, p: Any) -> Iterator[Factor | Term]:
         """Contributions to what a camera makes of the temperatures."""
         return iter(())
 

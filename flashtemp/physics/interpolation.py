@@ -7,13 +7,17 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Array, Value
+
+Source = Any  # of a case: a CSV file's name, or rows
 
 
-def between(values: np.ndarray, at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def between(values: Array, at: Array, wanted: Array) -> Array:
     """Linear interpolation along the first axis of values (n, ...) kept `at` (n,), outermost values held.
 
     >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
@@ -24,7 +28,8 @@ def between(values: np.ndarray, at: np.ndarray, wanted: np.ndarray) -> np.ndarra
     step = at[following] - at[k]
     weight = np.clip((wanted - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
     weight = weight.reshape(-1, *[1] * (values.ndim - 1))
-    return (1.0 - weight) * values[k] + weight * values[following]
+    out: Array = (1.0 - weight) * values[k] + weight * values[following]
+    return out
 
 
 @dataclass(frozen=True)
@@ -39,11 +44,11 @@ class Curve:
     y: tuple[float, ...]
 
     @cached_property
-    def _arrays(self):
+    def _arrays(self) -> tuple[Array, Array, Array]:
         x, y = np.asarray(self.x), np.asarray(self.y)
         return x, y, np.diff(y) / np.diff(x)
 
-    def __call__(self, at):
+    def __call__(self, at: Value) -> Value:
         x, y, slope = self._arrays
         real = np.real(at)
         k = np.clip(np.searchsorted(x, real) - 1, 0, len(slope) - 1)
@@ -68,10 +73,10 @@ class Surface:
     z: tuple[tuple[float, ...], ...]
 
     @cached_property
-    def _grid(self) -> np.ndarray:
+    def _grid(self) -> Array:
         return np.asarray(self.z)
 
-    def __call__(self, u: float, v):
+    def __call__(self, u: float, v: Value) -> Value:
         z = self._grid
         if len(self.u) == 1:
             row = z[0]
@@ -84,7 +89,7 @@ class Surface:
         return Curve(self.v, tuple(row))(v)
 
 
-def rows(source, folder: Path, key: str, columns: int) -> np.ndarray:
+def rows(source: Source, folder: Path, key: str, columns: int) -> Array:
     """Rows (n, columns) of numbers from a list of lists or a CSV file name.
 
     Raises BadInput naming the key, the file and its line.
@@ -106,7 +111,7 @@ def rows(source, folder: Path, key: str, columns: int) -> np.ndarray:
     return np.array(data, dtype=float)
 
 
-def _read(source, folder: Path, key: str):
+def _read(source: Source, folder: Path, key: str) -> tuple[list[list[float]], list[str]]:
     if not isinstance(source, str):
         raise BadInput(f"{key}: {source!r}; give a CSV file name or a list of rows")
     path = folder / source
@@ -134,7 +139,7 @@ def _read(source, folder: Path, key: str):
 
 
 def pairs(
-    source, folder: Path, key: str, low: float = -math.inf, high: float = math.inf
+    source: Source, folder: Path, key: str, low: float = -math.inf, high: float = math.inf
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two columns with the first strictly increasing and the second from low to high."""
     table = rows(source, folder, key, 2)
@@ -151,7 +156,7 @@ def pairs(
     return tuple(table[:, 0].tolist()), tuple(table[:, 1].tolist())
 
 
-def grid(source, folder: Path, key: str) -> Surface:
+def grid(source: Source, folder: Path, key: str) -> Surface:
     """A Surface from rows (u, v, z) that fill a complete grid."""
     table = rows(source, folder, key, 3)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])

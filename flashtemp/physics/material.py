@@ -31,7 +31,7 @@ class Material:
     @property
     def effusivity(self) -> float:
         """e = sqrt(k rho c) in W s^0.5/(m2 K)."""
-        return (self.conductivity * self.volumetric_capacity) ** 0.5
+        return float((self.conductivity * self.volumetric_capacity) ** 0.5)
 
 
 LIBRARY = {

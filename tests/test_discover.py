@@ -26,9 +26,11 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import calibration, discover, prediction, problem
+from flashtemp.discovery import calibration, discover, prediction, whitening
 from flashtemp.discovery.linear_gaussian import System
-from flashtemp.discovery.search import Search
+from flashtemp.discovery.parameters import SHIFTS, ParameterId
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.search import calibrate
 from flashtemp.discovery.verdict import KINDS
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
@@ -440,11 +442,8 @@ def tiny(tmp_path_factory):
 
 
 def calibrated(told):
-    with crew(prediction.look, 1) as run:
-        own = problem.prepare(told, run)
-        search = Search(own, problem.Data(own), lambda text: None)
-        search.calibrate()
-    return search.base
+    with crew(prediction.predict, 1) as run:
+        return calibrate(prepare(told, run)).base
 
 
 def check_calibration(base, truth):
@@ -452,12 +451,13 @@ def check_calibration(base, truth):
     assert base.converged, base.history
     assert abs(base.solution.chi2 / base.solution.count - 1) < 5 * np.sqrt(2 / base.solution.count), "chi2"
     for key, factor in truth["nuisance"].items():
-        found = base.model.free[key] + base.solution[key]
-        assert abs(found - np.log(factor)) < 4 * base.solution.sd(key), key
+        p = ParameterId.of_key(key)
+        found = base.model.free[key] + base.solution[p]
+        assert abs(found - np.log(factor)) < 4 * base.solution.sd(p), key
     file, drawn = "condition1_sidewall.nc", truth["recordings"]["condition1"]["sidewall"]["shift"]
-    shift = base.shifts.get(file, (0.0, 0.0))
+    shift = base.model.shift(file)
     for axis in (0, 1):
-        name = f"shift_{'uv'[axis]}|{file}"
+        name = ParameterId(SHIFTS[axis], file=file)
         assert abs(shift[axis] + base.solution[name] - drawn[axis] - OFF) < 4 * base.solution.sd(name), name
 
 
@@ -487,10 +487,9 @@ def once_only(monkeypatch):
     """The first linearisation taken for the last, with a certificate all the same."""
     take = calibration.Descent.take
 
-    def hasty(self, looks):
-        take(self, looks)
-        self.history[:] = [0.0]
-        self.fit = replace(self.fit, history=(0.0,))
+    def hasty(self, predictions):
+        found = take(self, predictions)
+        return replace(found, history=(0.0,), fit=replace(found.fit, history=(0.0,)))
 
     monkeypatch.setattr(calibration.Descent, "take", hasty)
 
@@ -499,13 +498,13 @@ def without_mean(monkeypatch):
     """Priors that stand where the model stands, wherever that is."""
     solve = System.solve
     monkeypatch.setattr(
-        System, "solve", lambda self, priors, products=None: solve(
-            self, {n: (0.0, sd) for n, (_, sd) in priors.items()}, products)
+        System, "solve", lambda self, priors, equations=None: solve(
+            self, {n: (0.0, sd) for n, (_, sd) in priors.items()}, equations)
     )  # fmt: skip
 
 
 MUTANTS = {
-    "whitening": lambda m: m.setattr(problem, "whiten", whitened_wrong),
+    "whitening": lambda m: m.setattr(whitening, "whiten", whitened_wrong),
     "registration to first order": first_order,
     "no second linearisation": once_only,
     "priors without their mean": without_mean,

@@ -14,7 +14,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import Seeing
 from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
-from flashtemp.discovery.verdict import KINDS, Cause, Estimate, Fitness, Missing, Pull, Rival, Test, Verdict
+from flashtemp.discovery.verdict import KINDS, Cause, Estimate, Fitness, Missing, OwnValue, Pull, Rival, Test, Verdict
 from flashtemp.viz import (
     before_after,
     candidates,
@@ -136,7 +136,8 @@ CAUSE = Cause(
     (Estimate("edge_pressure.a", 1.724, 0.051, (1.62, 1.82)),
      Estimate("edge_pressure.length", 2.1e-3, 1.5e-4, (1.8e-3, 2.4e-3), "m", True)),
     5230.0, 0.041, 0.83, 3140.0, 72.0, 0.014,
-    (("pressure 0.05 MPa, speed 0.1 m/s", 1.70, 0.08), ("pressure 0.1 MPa, speed 0.2 m/s", 1.74, 0.06)), 0.41,
+    (OwnValue("pressure 0.05 MPa, speed 0.1 m/s", 1.70, 0.08), OwnValue("pressure 0.1 MPa, speed 0.2 m/s", 1.74, 0.06)),
+    0.41,
 )  # fmt: skip
 SIGNS = np.corrcoef(np.random.default_rng(5).normal(size=(len(NAMES), 12)))
 NUISANCE = tuple(

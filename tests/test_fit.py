@@ -11,11 +11,12 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery.calibration import ENOUGH, Descent, descend, extra
+from flashtemp.discovery.calibration import ENOUGH, FAR, Descent, descend
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.prediction import look
-from flashtemp.discovery.problem import Data, prepare
-from flashtemp.discovery.search import Search
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import predict
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.search import calibrate
 from flashtemp.model.case import load
 from flashtemp.physics.effect import find
 from flashtemp.runs.workers import crew
@@ -24,7 +25,7 @@ KNOWN_WELL = ("friction.mu", "contact.spot_fraction")  # what shows clearly in a
 SMALL = {
     "block.height": 0.005, "schedule.distance": 0.3, "numerics.mesh": 0.4, "numerics.rtol": 1e-4, "output.profiles": 20,
 }  # fmt: skip
-FAR = {"friction.mu": 0.25, "contact.spot_fraction": -0.25, "ambient.convection": 0.6}  # 2 to 2.5 prior sd away
+AWAY = {"friction.mu": 0.25, "contact.spot_fraction": -0.25, "ambient.convection": 0.6}  # 2 to 2.5 prior sd away
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +43,9 @@ def campaigns(tmp_path_factory):
             rows[at] = believed
             (out / "case.toml").write_text("\n".join(rows))
         told = campaign.load(out)
-        with crew(look, 1) as run:
-            study = prepare(replace(told, free=free or told.free), run)
-            search = Search(study, Data(study), lambda text: None)
-            search.calibrate()
-        return SimpleNamespace(study=study, search=search, truth=json.loads((out / SEALED).read_text()))
+        with crew(predict, 1) as run:
+            made = calibrate(prepare(replace(told, free=free or told.free), run))
+        return SimpleNamespace(**vars(made), truth=json.loads((out / SEALED).read_text()))
 
     return make
 
@@ -59,11 +58,11 @@ def two(campaigns):
 
 def value(fit, key):
     """ln of the factor on a free key, last step included."""
-    return fit.model.free[key] + fit.solution[key]
+    return fit.model.free[key] + fit.solution[ParameterId.of_key(key)]
 
 
 def candidate(made, name):
-    [found] = (c for c in made.study.tried if c.effect == name)
+    [found] = (c for c in made.problem.tried if c.effect == name)
     return found
 
 
@@ -72,37 +71,37 @@ def fitted(made, name, start):
     c, seen = candidate(made, name), []
 
     class Watched(Descent):
-        def take(self, looks):
+        def take(self, predictions):
             seen.append(dict(self.model.effects[name]))
-            super().take(looks)
+            return super().take(predictions)
 
-    model = made.search.base.model.with_effect(name, c.off() | start)
-    descent = Watched(made.study, made.search.data, model, dict(made.search.base.shifts), extra([c]))
-    descend(made.study, [descent])
+    start = Watched(made.problem, made.data, made.base.model.with_effect(name, c.off() | start), (c,))
+    [descent] = descend(made.problem, [start])
     assert descent.failed == ""
     return descent, [*seen, descent.model.effects[name]]
 
 
 # --- calibration -------------------------------------------------------------------------------------
 def test_calibration_ends_with_its_certificate(two):
-    fit = two.search.base
+    fit = two.base
     assert fit.converged
     assert fit.history[-1] < ENOUGH
     assert fit.history[0] > 10 * ENOUGH
     assert fit.model.effects == {}
     assert len(fit.blocks) == 4
-    for key in two.study.campaign.free:
-        assert abs(fit.solution[key]) < ENOUGH * two.study.priors[key]
+    for key in two.problem.free:
+        assert abs(fit.solution[key]) < ENOUGH * two.problem.priors[key]
 
 
 def test_what_was_drawn_is_found_again(two):
     """Within four standard errors; friction with its jitter from condition to condition."""
-    fit = two.search.base
+    fit = two.base
     for key, factor in two.truth["nuisance"].items():
-        assert abs(value(fit, key) - np.log(factor)) < 4 * fit.solution.sd(key), key
-        assert 0 < fit.solution.sd(key) < two.study.priors[key]
+        p = ParameterId.of_key(key)
+        assert abs(value(fit, key) - np.log(factor)) < 4 * fit.solution.sd(p), key
+        assert 0 < fit.solution.sd(p) < two.problem.priors[p]
     for number, own in enumerate(two.truth["recordings"].values()):
-        level = value(fit, "friction.mu") + fit.solution[f"level|{number}"]
+        level = value(fit, "friction.mu") + fit.solution[ParameterId(Kind.LEVEL, condition=number)]
         drawn = np.log(two.truth["nuisance"]["friction.mu"] * own["friction_jitter"])
         assert level == pytest.approx(drawn, abs=0.01)
     assert fit.solution.chi2 == pytest.approx(fit.solution.count, abs=5 * np.sqrt(2 * fit.solution.count))
@@ -112,40 +111,40 @@ def test_predictions_at_the_best_point_leave_noise(two):
     """Each recording by itself, with what its own nuisances explain."""
     from flashtemp.discovery.linear_gaussian import residual
 
-    for block in two.search.base.blocks:
-        left = residual(block, two.search.base.solution)
+    for block in two.base.blocks:
+        left = residual(block, two.base.solution)
         assert np.mean(left**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / block.count)), block.label
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_far_start_ends_at_the_same_place(two, sign):
-    best = two.search.base
-    start = Model({k: sign * v for k, v in FAR.items()})
-    descent = Descent(two.study, two.search.data, start, {})
-    descend(two.study, [descent])
+    best = two.base
+    start = Model({k: sign * v for k, v in AWAY.items()})
+    [descent] = descend(two.problem, [Descent(two.problem, two.data, start)])
     assert descent.failed == ""
     assert descent.fit.history[0] > 1.0
-    for key in FAR:
-        assert abs(value(descent.fit, key) - value(best, key)) < 0.05 * two.study.priors[key], key
+    for key in AWAY:
+        far = 0.05 * two.problem.priors[ParameterId.of_key(key)]
+        assert abs(value(descent.fit, key) - value(best, key)) < far, key
     assert descent.fit.ln_evidence == pytest.approx(best.ln_evidence, abs=0.1)
 
 
 def test_steps_shrink_until_the_certificate(campaigns):
     """Gauss-Newton close to its end: a few looks, not a walk."""
-    fit = campaigns(1).search.base
+    fit = campaigns(1).base
     assert fit.converged
     assert len(fit.history) <= 5
 
 
 def test_several_descents_share_their_rounds(two):
     """Side by side they take the steps that each takes alone; one that is far behind goes no further."""
-    best = two.search.base
+    best = two.base
     rounds = []
-    pair = [Descent(two.study, two.search.data, Model(dict(m)), dict(best.shifts)) for m in (best.model.free, FAR)]
-    descend(two.study, pair, rounds.append, hopeless=-1e9)
+    pair = [Descent(two.problem, two.data, replace(best.model, free=dict(m))) for m in (best.model.free, AWAY)]
+    pair = descend(two.problem, pair, rounds.append, hopeless=-1e9)
     assert pair[0].fit.converged
     assert len(pair[0].history) == 1  # it stands where it should
-    assert pair[1].failed == "far behind the best"
+    assert pair[1].failed == FAR
     assert len(pair[1].history) == len(rounds) == 3
 
 
@@ -164,14 +163,14 @@ def resistive(campaigns):
 
 
 def test_a_hidden_strength_is_found(resistive):
-    base = resistive.search.base
+    base = resistive.base
     truth = resistive.truth["hidden"]["interface_resistance"]["resistance"]
     found = []
     for start in (2e-6, 2e-4):
         descent, seen = fitted(resistive, "interface_resistance", {"resistance": start})
         inside("interface_resistance", seen)
         assert descent.fit.converged
-        fit, name = descent.fit, "interface_resistance.resistance"
+        fit, name = descent.fit, ParameterId.of_effect("interface_resistance", "resistance")
         assert not fit.bound
         assert fit.ln_evidence > base.ln_evidence + 8.0
         found.append(fit.model.effects["interface_resistance"]["resistance"] + fit.solution[name])
@@ -188,13 +187,14 @@ def perfect(campaigns):
 @pytest.mark.parametrize("start", [1e-6, 1e-4])
 def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect, start):
     name = "interface_resistance"
+    strength = ParameterId.of_effect(name, "resistance")
     descent, seen = fitted(perfect, name, {"resistance": start})
     inside(name, seen)
     assert descent.fit.model.effects[name]["resistance"] == 0.0
-    assert descent.fit.bound == {f"{name}.resistance"}
-    assert f"{name}.resistance" not in descent.fit.solution.names
+    assert descent.fit.bound == {strength}
+    assert strength not in descent.fit.solution.names
     assert descent.fit.converged
-    assert descent.fit.ln_evidence == pytest.approx(perfect.search.base.ln_evidence, abs=0.5)
+    assert descent.fit.ln_evidence == pytest.approx(perfect.base.ln_evidence, abs=0.5)
 
 
 def test_a_shape_stays_within_its_bounds(resistive):

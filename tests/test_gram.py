@@ -9,10 +9,17 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from flashtemp.discovery.linear_gaussian import Block, System, residual
+from flashtemp.discovery.parameters import Kind, ParameterId
 
+MU, PHI = ParameterId.of_key("friction.mu"), ParameterId.of_key("contact.spot_fraction")
+LEVEL = [ParameterId(Kind.LEVEL, condition=n) for n in (0, 1)]
+MODE = ParameterId(Kind.MODE, (1,))
+FLUX = [ParameterId(Kind.FLUX, (1,), condition=n) for n in (0, 1)]
+SHIFT, MAP = ParameterId(Kind.SHIFT_U, file="a"), ParameterId(Kind.MAP, (1, 0), file="b")
+MESH, NOBODY = ParameterId(Kind.MESH, (0,)), ParameterId(Kind.CELL)
 PRIORS = {
-    "mu": (0.3, 0.5), "phi": (-0.2, 0.8), "level|0": (0.0, 0.2), "level|1": (0.1, 0.3), "shift|a": (0.4, 1.5),
-    "mode": (0.0, 0.7), "flux|0": (0.0, 0.4), "flux|1": (-0.5, 0.6), "map|b": (0.0, 2.0), "mesh": (0.2, 0.9),
+    MU: (0.3, 0.5), PHI: (-0.2, 0.8), LEVEL[0]: (0.0, 0.2), LEVEL[1]: (0.1, 0.3), SHIFT: (0.4, 1.5),
+    MODE: (0.0, 0.7), FLUX[0]: (0.0, 0.4), FLUX[1]: (-0.5, 0.6), MAP: (0.0, 2.0), MESH: (0.2, 0.9),
 }  # fmt: skip
 LN_TWO_PI = np.log(2 * np.pi)
 
@@ -30,10 +37,10 @@ def block(rng, label, condition, own, shared, aliases, size, held_out=False):
 def blocks():
     rng = np.random.default_rng(7)
     return [
-        block(rng, "a", 0, ["mu", "phi", "shift|a"], ["mode", "mesh"], {"level|0": "mu", "flux|0": "mode"}, 9),
-        block(rng, "b", 1, ["phi", "mu"], ["mode", "map|b"], {"level|1": "mu", "flux|1": "mode"}, 14),
-        block(rng, "c", 1, ["mu"], ["mode", "mesh"], {"level|1": "mu", "flux|1": "mode"}, 6),
-        block(rng, "d", 2, ["mu", "phi"], ["mode"], {"flux|1": "mode"}, 11, held_out=True),
+        block(rng, "a", 0, [MU, PHI, SHIFT], [MODE, MESH], {LEVEL[0]: MU, FLUX[0]: MODE}, 9),
+        block(rng, "b", 1, [PHI, MU], [MODE, MAP], {LEVEL[1]: MU, FLUX[1]: MODE}, 14),
+        block(rng, "c", 1, [MU], [MODE, MESH], {LEVEL[1]: MU, FLUX[1]: MODE}, 6),
+        block(rng, "d", 2, [MU, PHI], [MODE], {FLUX[1]: MODE}, 11, held_out=True),
     ]
 
 
@@ -73,7 +80,7 @@ def fitted(blocks):
     return [b for b in blocks if not b.held_out]
 
 
-@pytest.mark.parametrize("left", [(), ("mode", "mesh"), ("level|0", "level|1", "flux|0", "flux|1"), ("mu",)])
+@pytest.mark.parametrize("left", [(), (MODE, MESH), (LEVEL[0], LEVEL[1], FLUX[0], FLUX[1]), (MU,)])
 def test_estimate_and_evidence(blocks, left):
     priors = {n: v for n, v in PRIORS.items() if n not in left}
     found = System(blocks).solve(priors)
@@ -107,11 +114,11 @@ def test_names_of_one_column_share_its_value(blocks):
     """Two names with priors sd and sd' are one with hypot(sd, sd'), and what each gets follows its variance."""
     [a] = (b for b in blocks if b.label == "a")
     system = System([a])
-    both = system.solve({"mu": (0.3, 0.5), "level|0": (-0.1, 0.2)})
-    one = system.solve({"mu": (0.2, np.hypot(0.5, 0.2))})
+    both = system.solve({MU: (0.3, 0.5), LEVEL[0]: (-0.1, 0.2)})
+    one = system.solve({MU: (0.2, np.hypot(0.5, 0.2))})
     assert both.ln_evidence == pytest.approx(one.ln_evidence, rel=1e-12)
-    assert both["mu"] + both["level|0"] == pytest.approx(one["mu"], rel=1e-10)
-    assert (both["mu"] - 0.3) / (both["level|0"] + 0.1) == pytest.approx((0.5 / 0.2) ** 2, rel=1e-9)
+    assert both[MU] + both[LEVEL[0]] == pytest.approx(one[MU], rel=1e-10)
+    assert (both[MU] - 0.3) / (both[LEVEL[0]] + 0.1) == pytest.approx((0.5 / 0.2) ** 2, rel=1e-9)
 
 
 def test_shared_columns_give_what_own_ones_give(blocks):
@@ -126,16 +133,16 @@ def test_shared_columns_give_what_own_ones_give(blocks):
 
 def test_a_tight_prior_holds_and_a_wide_one_lets_go(blocks):
     system = System(blocks)
-    held = system.solve(PRIORS | {"phi": (0.7, 1e-6)})
-    assert held["phi"] == pytest.approx(0.7, abs=1e-8)
-    assert held.sd("phi") == pytest.approx(1e-6, rel=1e-3)
-    free = [system.solve(PRIORS | {"phi": (mean, 1e4)})["phi"] for mean in (-5.0, 5.0)]
+    held = system.solve(PRIORS | {PHI: (0.7, 1e-6)})
+    assert held[PHI] == pytest.approx(0.7, abs=1e-8)
+    assert held.sd(PHI) == pytest.approx(1e-6, rel=1e-3)
+    free = [system.solve(PRIORS | {PHI: (mean, 1e4)})[PHI] for mean in (-5.0, 5.0)]
     assert free[0] == pytest.approx(free[1], abs=1e-5)
 
 
 def test_names_that_no_block_knows_take_no_part(blocks):
     system = System(blocks)
-    known, more = system.solve(PRIORS), system.solve(PRIORS | {"nobody": (1.0, 2.0)})
+    known, more = system.solve(PRIORS), system.solve(PRIORS | {NOBODY: (1.0, 2.0)})
     assert more.names == known.names
     assert more.ln_evidence == known.ln_evidence
 
@@ -168,27 +175,28 @@ def test_residual_is_what_the_columns_leave(blocks):
 
 def test_projection_is_of_the_data_with_the_nuisances_marginalised(blocks):
     """u = W' V^-1 (r - N mean), I = W' V^-1 W, with V = 1 + N sd^2 N'."""
-    wanted = ["phi", "mode"]
+    wanted = [PHI, MODE]
     nuisance = {n: v for n, v in PRIORS.items() if n not in wanted}
-    u, info, raw = System(blocks).projected(nuisance, wanted)
+    found = System(blocks).projected(nuisance, wanted)
     names, mean, sd = parts(nuisance)
     r, N = dense(fitted(blocks), names)
     _, W = dense(fitted(blocks), wanted)
     inverse = np.linalg.inv(np.eye(len(r)) + (N * sd**2) @ N.T)
-    np.testing.assert_allclose(u, W.T @ inverse @ (r - N @ mean), rtol=1e-9)
-    np.testing.assert_allclose(info, W.T @ inverse @ W, rtol=1e-9)
-    np.testing.assert_allclose(raw, np.sum(W**2, axis=0), rtol=1e-12)
-    assert np.all(np.diag(info) < raw)
+    np.testing.assert_allclose(found.score, W.T @ inverse @ (r - N @ mean), rtol=1e-9)
+    np.testing.assert_allclose(found.information, W.T @ inverse @ W, rtol=1e-9)
+    np.testing.assert_allclose(found.raw, np.sum(W**2, axis=0), rtol=1e-12)
+    assert np.all(np.diag(found.information) < found.raw)
 
 
 def test_projection_and_estimate_agree(blocks):
     """With a prior N(0, s^2) on what is wanted, its estimate is (I + s^-2)^-1 u."""
     system = System(blocks)
-    nuisance = {n: v for n, v in PRIORS.items() if n != "phi"}
-    [u], [[info]], _ = system.projected(nuisance, ["phi"])
-    found = system.solve(nuisance | {"phi": (0.0, 0.8)})
-    assert found["phi"] == pytest.approx(u / (info + 0.8**-2), rel=1e-10)
-    assert found.sd("phi") == pytest.approx((info + 0.8**-2) ** -0.5, rel=1e-10)
+    nuisance = {n: v for n, v in PRIORS.items() if n != PHI}
+    projection = system.projected(nuisance, [PHI])
+    [u], [[info]] = projection.score, projection.information
+    found = system.solve(nuisance | {PHI: (0.0, 0.8)})
+    assert found[PHI] == pytest.approx(u / (info + 0.8**-2), rel=1e-10)
+    assert found.sd(PHI) == pytest.approx((info + 0.8**-2) ** -0.5, rel=1e-10)
     gain = 0.5 * u**2 / (info + 0.8**-2) - 0.5 * np.log(1 + 0.8**2 * info)
     assert found.ln_evidence - system.solve(nuisance).ln_evidence == pytest.approx(gain, rel=1e-9)
 
@@ -202,3 +210,43 @@ def test_all_blocks_left_out_gives_the_prior(blocks):
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sd[order], rtol=1e-12)
     assert found.ln_evidence == pytest.approx(0.0, abs=1e-12)
     assert found.count == 0
+
+
+# --- names of columns ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("parameter", "text"),
+    [
+        (MU, "friction.mu"),
+        (ParameterId.of_effect("pressure_tilt", "a"), "pressure_tilt.a"),
+        (ParameterId.of_effect("heat_depth", "share", 2), "heat_depth.share@2"),
+        (ParameterId(Kind.SHIFT_V).within(3, "wall.nc"), "shift_v|wall.nc"),
+        (ParameterId(Kind.MAP, (1, 0)).within(3, "wall.nc"), "map:1:0|wall.nc"),
+        (ParameterId(Kind.SCATTER, (2,)).within(3, "wall.nc"), "scatter:2|3"),
+        (ParameterId(Kind.MODE, (4,)).within(3, "wall.nc"), "mode:4"),
+        (ParameterId(Kind.CELL).within(3, "mu.csv"), "cell"),
+        (LEVEL[0], "level|0"),
+    ],
+)
+def test_a_parameter_is_written_where_it_acts(parameter, text):
+    assert str(parameter) == text
+    assert parameter.everywhere == ("|" not in text)
+
+
+def test_parameters_are_told_apart_and_sorted():
+    """Each of its parts makes another one; equal parts are the same key of a dict."""
+    one = ParameterId(Kind.FLUX, (2,), condition=1)
+    assert {one: 1}[ParameterId(Kind.FLUX, (2,), condition=1)] == 1
+    others = [
+        replace(one, **{k: v}) for k, v in {"kind": Kind.TREND, "index": (3,), "file": "a", "condition": 2}.items()
+    ]
+    assert len({one, *others}) == 5
+    assert sorted([others[1], one]) == [one, others[1]]
+
+
+def test_equations_add_up_over_blocks(blocks):
+    """Those of all fitted blocks are the sum of those of each."""
+    system = System(blocks)
+    whole, parts = system.total(), [system.total(lambda b, own=b: b is own) for b in fitted(blocks)]
+    np.testing.assert_allclose(whole.matrix, sum(p.matrix for p in parts), rtol=1e-12)
+    np.testing.assert_allclose(whole.right, sum(p.right for p in parts), rtol=1e-12)
+    assert (whole.count, whole.square) == (sum(p.count for p in parts), pytest.approx(sum(p.square for p in parts)))

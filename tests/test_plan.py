@@ -13,7 +13,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.experiment_design import SURE, plan
-from flashtemp.discovery.prediction import look
+from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue
@@ -55,7 +55,7 @@ def written(tmp_path):
 
 
 def outlook(told):
-    with crew(look, 1) as run:
+    with crew(predict, 1) as run:
         return plan(prepare(told, run))
 
 
@@ -126,8 +126,8 @@ def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
     """What the data at hand cannot trace counts as unseen; the next experiment may show it."""
     whole, asked = experiment_design._left, []
 
-    def without(study, fit, effects):
-        left = whole(study, fit, effects)
+    def without(problem, fit, effects):
+        left = whole(problem, fit, effects)
         if asked:  # first all effects are weighed, then the experiments
             left.pop(ALIKE[0], None)
         asked.append(effects)

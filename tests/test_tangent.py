@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flashtemp.discovery.generic import with_scatter
+from flashtemp.discovery.deviations import with_scatter
 from flashtemp.model import numerics
 from flashtemp.model.case import assemble
 from flashtemp.model.case_file import Places

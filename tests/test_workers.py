@@ -1,4 +1,4 @@
-"""Looks by many hands: order, failures as answers, and no difference between one worker and several."""
+"""Predictions by many hands: order, failures as answers, and no difference between one worker and several."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ import numpy as np
 import pytest
 
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.prediction import Force, Look, Task, Wanted, look
+from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.prediction import Derivatives, Force, Prediction, Task, predict
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.model.case import load
 from flashtemp.physics.effect import find
 from flashtemp.runs import workers
 from flashtemp.runs.workers import attempt, crew
 
+MU = ParameterId.of_key("friction.mu")
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.1, "numerics.mesh": 0.3, "output.profiles": 8,
 }  # fmt: skip
@@ -36,7 +38,7 @@ def tasks(tmp_path):
     force = Force("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
     out = []
     for given in ({"friction.mu": 0.8}, lost, {"friction.mu": 1.2}):
-        out.append(Task(file, SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Wanted(("friction.mu",))))
+        out.append(Task(file, SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Derivatives((MU,))))
     return out
 
 
@@ -83,24 +85,24 @@ def test_several_faults_stay_apart(count, tmp_path):
 
 
 def same(one, other):
-    for file, sight in one.sights.items():
-        np.testing.assert_array_equal(other.sights[file].predicted, sight.predicted)
-        assert other.sights[file].columns.keys() == sight.columns.keys() == {"friction.mu"}
-        for name, values in sight.columns.items():
-            np.testing.assert_array_equal(other.sights[file].columns[name], values)
+    for file, seen in one.observables.items():
+        np.testing.assert_array_equal(other.observables[file].values, seen.values)
+        assert other.observables[file].columns.keys() == seen.columns.keys() == {MU}
+        for name, values in seen.columns.items():
+            np.testing.assert_array_equal(other.observables[file].columns[name], values)
     np.testing.assert_array_equal(other.run.T_block, one.run.T_block)
 
 
 def test_one_worker_and_two_agree(tasks):
-    with crew(look, 1) as alone, crew(look, 2) as both:
+    with crew(predict, 1) as alone, crew(predict, 2) as both:
         answers = list(zip(alone(tasks), both(tasks), strict=True))
     for one, other in (answers[0], answers[2]):
-        assert isinstance(one, Look)
+        assert isinstance(one, Prediction)
         same(one, other)
     fault, again = answers[1]
     assert type(fault) is type(again) is SolverFailure
     assert str(fault) == str(again)
-    mu = [a.sights["mu.csv"].predicted[0] for a, _ in (answers[0], answers[2])]
+    mu = [a.observables["mu.csv"].values[0] for a, _ in (answers[0], answers[2])]
     assert mu == pytest.approx([0.8 * math.exp(0.1), 1.2 * math.exp(0.1)])
 
 
@@ -154,7 +156,7 @@ def test_a_scheduler_that_cannot_be_reached():
 
 
 def test_a_cluster_answers_like_one_worker(monkeypatch):
-    """Faults come back as answers, order is kept, every look is computed anew, and the client is closed."""
+    """Faults come back as answers, order is kept, every prediction is computed anew, and the client is closed."""
     log = []
 
     class Client:
@@ -194,7 +196,7 @@ def test_a_worker_of_a_real_cluster_is_killed(tasks):
             os.kill(victim, signal.SIGKILL)
             killed.set()
 
-        with crew(look, None, cluster.scheduler_address) as run, crew(look, 1) as alone:
+        with crew(predict, None, cluster.scheduler_address) as run, crew(predict, 1) as alone:
             run(asked[:2])  # the workers have begun
             threading.Timer(0.3, kill).start()
             answers = run(asked)

@@ -96,12 +96,15 @@ def _amplitudes(ax, cause) -> None:
     at = np.arange(len(told))
     ax.axvspan(*common.ci95, color=BAND, lw=0)
     ax.axvline(common.value, color=COMMON, lw=1.0)
-    for i, (_, value, error) in enumerate(told):
-        ax.errorbar(value, i, xerr=SURE * error, fmt="o", ms=3.5, color=theme.SLIDING, lw=1.0, capsize=2)
-    words = ["\n".join(verdict_parts.narrow(part, 26) for part in verdict_parts.told(n).split(", ")) for n, *_ in told]
+    for i, own in enumerate(told):
+        ax.errorbar(own.value, i, xerr=SURE * own.stderr, fmt="o", ms=3.5, color=theme.SLIDING, lw=1.0, capsize=2)
+    words = [
+        "\n".join(verdict_parts.narrow(part, 26) for part in verdict_parts.told(own.condition).split(", "))
+        for own in told
+    ]
     ax.set_yticks(at, words, fontsize=7.0)
     ax.set_ylim(len(told) - 0.4, -0.6)
-    values = [v + s * SURE * e for _, v, e in told for s in (1, -1)]
+    values = [own.value + s * SURE * own.stderr for own in told for s in (1, -1)]
     ax.set_xlim(theme.span(values, [*common.ci95], least=1e-12, margin=0.08))
     unit = "–" if common.unit == "1" else plain(common.unit)
     ax.set_xlabel(f"{verdict_parts.name(common.name)} ({unit})")

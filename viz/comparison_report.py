@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.comparison.compare import SURE, Comparison, Pulling, Seeing, conditions, words
+from flashtemp.comparison.compare import SURE, Comparison, Pulling, Seeing, words
 from flashtemp.comparison.noise import Place
 from flashtemp.solver.run import Run
 from flashtemp.viz import html
@@ -221,5 +221,5 @@ def _pictures(comparison: Comparison) -> list[str]:
 
 def _runs(comparison: Comparison) -> dict[int, Run]:
     """The run of every view by its identity, as far as runs are kept."""
-    groups = conditions(comparison.campaign)
-    return {id(v): run for (_, views, _), run in zip(groups, comparison.runs, strict=False) for v in views}
+    groups = comparison.campaign.conditions
+    return {id(v): run for c, run in zip(groups, comparison.runs, strict=False) for v in c.views}

@@ -16,7 +16,7 @@ from flashtemp.comparison.compare import Comparison
 from flashtemp.discovery import discover as discovering
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.experiment_design import Outlook
-from flashtemp.discovery.prediction import look
+from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.verdict import Verdict
 from flashtemp.model.case import Case
@@ -95,7 +95,7 @@ def plan(
     """
     loaded = campaign_of(campaign, planned=True)
     with wanted(out) as work:
-        with crew(look, workers, scheduler) as run:
+        with crew(predict, workers, scheduler) as run:
             outlook = experiment_design.plan(prepare(loaded, run))
         if work is not None:
             from flashtemp.viz import separability as picture

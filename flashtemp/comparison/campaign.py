@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from flashtemp.physics.interpolation import pairs
 NETD = 0.05  # K, of a camera that is imagined
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
 ENTRY = {"recording": {"file", "view", "with", "sigma_K", "held_out"}, "force": {"file", "with", "sigma", "held_out"}}
+
+
+Under = Callable[..., cases.Case]  # the case under overrides
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,23 @@ class Force:
 
 
 @dataclass(frozen=True)
+class Condition:
+    """What was measured under the same overrides `given` of the case, so that it is simulated once."""
+
+    given: dict[str, Any]
+    views: tuple[View, ...]
+    forces: tuple[Force, ...]
+
+    @property
+    def entries(self) -> tuple[View | Force, ...]:
+        return (*self.views, *self.forces)
+
+    @property
+    def words(self) -> str:
+        return told(self.given)
+
+
+@dataclass(frozen=True)
 class Campaign:
     """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
 
@@ -58,13 +79,30 @@ class Campaign:
     candidates: tuple[str, ...] | None = None
     trust: bool = False
 
+    @property
+    def entries(self) -> tuple[View | Force, ...]:
+        return (*self.views, *self.forces)
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Entries that share their overrides, in the order in which these first appear."""
+        groups: dict[str, Condition] = {}
+        for entry in self.entries:
+            key = repr(sorted(entry.given.items(), key=lambda item: item[0]))
+            now = groups.get(key, Condition(entry.given, (), ()))
+            if isinstance(entry, View):
+                groups[key] = replace(now, views=(*now.views, entry))
+            else:
+                groups[key] = replace(now, forces=(*now.forces, entry))
+        return tuple(groups.values())
+
     def load(self, given: dict[str, Any]) -> cases.Case:
         """The case under the conditions of one entry."""
         return cases.load(self.case, given, trust=self.trust)
 
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
-        for entry in (*self.views, *self.forces):
+        for entry in self.entries:
             lines.append(f"  {entry.file}: {told(entry.given)}{' (held out)' if entry.held_out else ''}")
         return "\n".join(lines)
 
@@ -78,7 +116,7 @@ def told(given: dict[str, Any]) -> str:
     return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
 
 
-def load(path, planned: bool = False, trust: bool = False) -> Campaign:
+def load(path: str | Path, planned: bool = False, trust: bool = False) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
     With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
@@ -90,136 +128,163 @@ def load(path, planned: bool = False, trust: bool = False) -> Campaign:
     if not file.is_file():
         raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
     text, raw = case_file.read_toml(file)
-    where, faults, folder = case_file.Places(str(file), text), [], file.parent
+    reader = _Reader(case_file.Places(str(file), text), file.parent, planned)
     for key in raw.keys() - TOP:
-        faults.append(f"{where(key)}: unknown key{nearest(key, sorted(TOP))}")
-    case = _case(raw, where, folder, faults)
-    believed = _believed(case, trust, faults)
-    under = None if believed is None else partial(cases.load, case, trust=trust)
-    entries = {kind: _entries(raw, kind, where, faults) for kind in ENTRY}
-    views = [
-        v for n, e in enumerate(entries["recording"], 1) if (v := _view(e, n, where, under, folder, faults, planned))
-    ]
-    forces = [f for n, e in enumerate(entries["force"], 1) if (f := _force(e, n, where, under, folder, faults))]
-    if not faults and not views and not forces:
-        faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
-    able = believed.known if believed is not None else cases.known()
-    for key in ("free", "candidates"):
+        reader.fault(key, f"unknown key{nearest(key, sorted(TOP))}")
+    case = reader.case(raw)
+    believed = reader.believed(case, trust)
+    under = None if case is None or believed is None else partial(cases.load, case, trust=trust)
+    entries = {kind: reader.entries(raw, kind) for kind in ENTRY}
+    views = [v for n, e in enumerate(entries["recording"], 1) if (v := reader.view(e, n, under))]
+    forces = [f for n, e in enumerate(entries["force"], 1) if (f := reader.force(e, n, under))]
+    if not reader.faults and not views and not forces:
+        reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
+    free, candidates = reader.names(raw, "free"), reader.candidates(raw, believed)
+    if not isinstance(raw.get("title", ""), str):
+        reader.fault("title", f"{raw['title']!r}; give text in quotes")
+    if reader.faults or case is None or believed is None:
+        raise BadInput(*reader.faults)
+    title = raw.get("title", file.resolve().parent.name)
+    free = reader.free(free, believed)
+    return Campaign(title, case, free, tuple(views), tuple(forces), file.parent, candidates, trust)
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """A campaign file being read: `where` its keys stand, its `folder`, and the `faults` found so far."""
+
+    where: case_file.Places
+    folder: Path
+    planned: bool
+    faults: list[str] = field(default_factory=list)
+
+    def fault(self, key: str, text: str) -> None:
+        self.faults.append(f"{self.where(key)}: {text}")
+
+    def case(self, raw: dict[str, Any]) -> Path | None:
+        """The case file that is believed."""
+        name = raw.get("case", "case.toml")
+        if not isinstance(name, str):
+            self.fault("case", f"{name!r}; give the name of a case file in quotes")
+            return None
+        path = self.folder / name
+        if not path.exists():
+            self.fault("case", f"no file '{name}' in {self.folder}; give the case that is believed")
+            return None
+        return path
+
+    def believed(self, case: Path | None, trust: bool) -> cases.Case | None:
+        """The case as it stands; None, and its faults told once, when it cannot be loaded."""
+        try:
+            return None if case is None else cases.load(case, trust=trust)
+        except BadInput as fault:
+            self.faults.extend(fault.lines)
+            return None
+
+    def entries(self, raw: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+        """Tables [[recording]] or [[force]], with known keys only."""
+        entries = raw.get(kind, [])
+        if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+            self.fault(kind, f"write [[{kind}]] and its keys below it")
+            return []
+        for number, entry in enumerate(entries, 1):
+            for key in entry.keys() - ENTRY[kind]:
+                self.fault(kind, f"{kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}")
+        return entries
+
+    def names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
+        """A list of names, None where it is not given."""
         value = raw.get(key, [])
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            faults.append(f"{where(key)}: {value!r}; give a list of names in quotes")
-        elif key == "candidates":
-            faults += [
-                f"{where(key)}: effect '{n}' is not in the catalogue{nearest(n, able)}" for n in value if n not in able
-            ]
-    if not isinstance(raw.get("title", ""), str):
-        faults.append(f"{where('title')}: {raw['title']!r}; give text in quotes")
-    if faults:
-        raise BadInput(*faults)
-    free = raw.get("free", list(believed.free))
-    known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in believed.declared(t)[k].kinds]
-    for key in free:
-        if key not in known:
-            raise BadInput(f"{where('free')}: {key!r} is not a number of this case{nearest(str(key), known)}")
-    candidates = raw.get("candidates")
-    return Campaign(
-        raw.get("title", file.resolve().parent.name), case, tuple(free), tuple(views), tuple(forces), folder,
-        None if candidates is None else tuple(candidates), trust,
-    )  # fmt: skip
+            self.fault(key, f"{value!r}; give a list of names in quotes")
+            return None
+        return tuple(value) if key in raw else None
 
+    def candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
+        """Effects that may be missing, all of them known to the case."""
+        found = self.names(raw, "candidates")
+        known = cases.known() if believed is None else believed.known
+        for name in found or ():
+            if name not in known:
+                self.fault("candidates", f"effect '{name}' is not in the catalogue{nearest(name, known)}")
+        return found
 
-def _case(raw, where, folder: Path, faults: list[str]) -> Path | None:
-    name = raw.get("case", "case.toml")
-    if not isinstance(name, str):
-        faults.append(f"{where('case')}: {name!r}; give the name of a case file in quotes")
-        return None
-    path = folder / name
-    if not path.exists():
-        faults.append(f"{where('case')}: no file '{name}' in {folder}; give the case that is believed")
-        return None
-    return path
+    def free(self, given: tuple[str, ...] | None, believed: cases.Case) -> tuple[str, ...]:
+        """Free keys, those of the case unless given.  Raises BadInput."""
+        known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in believed.declared(t)[k].kinds]
+        free = believed.free if given is None else given
+        for key in free:
+            if key not in known:
+                raise BadInput(f"{self.where('free')}: {key!r} is not a number of this case{nearest(key, known)}")
+        return free
 
+    def view(self, entry: dict[str, Any], number: int, under: Under | None) -> View | None:
+        imagined = self.planned and "view" in entry and "file" not in entry
+        if imagined and entry["view"] not in synthetic.FACES:
+            known = ", ".join(synthetic.FACES)
+            self.fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}")
+            return None
+        sound = self._file(entry, "recording", number) if not imagined else True
+        if not (self._shared(entry, "recording", number, under) and sound):
+            return None
+        given, sigma, held = entry.get("with", {}), entry.get("sigma_K"), entry.get("held_out", False)
+        if imagined:
+            if under is None:
+                return None
+            taken = _imagined(entry["view"], under(given))
+            return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
+        try:
+            return View(entry["file"], recording.load(self.folder / entry["file"]), given, sigma, held)
+        except BadInput as fault:
+            self.faults.extend(fault.lines)
+            return None
 
-def _believed(case: Path | None, trust: bool, faults: list[str]) -> cases.Case | None:
-    """The case as it stands; None, and its faults told once, when it cannot be loaded."""
-    try:
-        return None if case is None else cases.load(case, trust=trust)
-    except BadInput as fault:
-        faults.extend(fault.lines)
-        return None
+    def force(self, entry: dict[str, Any], number: int, under: Under | None) -> Force | None:
+        sound = self._file(entry, "force", number)
+        if not (self._shared(entry, "force", number, under) and sound):
+            return None
+        try:
+            time, mu = pairs(entry["file"], self.folder, "file")
+        except BadInput as fault:
+            self.faults.extend(f"{self.where('force')}: force {number}: {line}" for line in fault.lines)
+            return None
+        return Force(entry["file"], time, mu, entry.get("with", {}), entry.get("sigma"), entry.get("held_out", False))
 
+    def _file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
+        """Whether the file of an entry is there."""
+        file = entry.get("file")
+        if not isinstance(file, str):
+            more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
+            self.fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}")
+            return False
+        if not (self.folder / file).is_file():
+            self.fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}")
+            return False
+        return True
 
-def _entries(raw, kind: str, where, faults: list[str]) -> list[dict]:
-    entries = raw.get(kind, [])
-    if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-        faults.append(f"{where(kind)}: write [[{kind}]] and its keys below it")
-        return []
-    for number, entry in enumerate(entries, 1):
-        for key in entry.keys() - ENTRY[kind]:
-            faults.append(f"{where(kind)}: {kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}")
-    return entries
+    def _shared(self, entry: dict[str, Any], kind: str, number: int, under: Under | None) -> bool:
+        """Whether the keys that recordings and forces share can be used."""
+        before, place = len(self.faults), f"{kind} {number}"
+        given, held = entry.get("with", {}), entry.get("held_out", False)
+        if not isinstance(held, bool):
+            self.fault(kind, f"{place}: held_out: {held!r}; give true or false")
+        if not isinstance(given, dict):
+            self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
+        elif under is not None:
+            try:
+                under(given, by="with")
+            except BadInput as fault:
+                self.faults.extend(f"{self.where(kind)}: {place}: {line}" for line in fault.lines)
+        name = "sigma_K" if kind == "recording" else "sigma"
+        sigma = entry.get(name)
+        if sigma is not None and (
+            isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3
+        ):
+            self.fault(kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated")
+        return len(self.faults) == before
 
 
 def _imagined(view: str, case: cases.Case) -> Recording:
     """What a camera would take of a condition: four frames of every sliding, one of every wait."""
-    scene = cases.build(case)
+    scene = case.scene
     return synthetic.blank(view, scene, *synthetic.moments(scene.schedule, 4, 1), NETD)
-
-
-def _common(entry, kind: str, number: int, where, under, folder, faults, imagined: bool = False) -> dict | None:
-    """Keys that recordings and forces share, checked; None when the entry cannot be used."""
-    place, good = f"{where(kind)}: {kind} {number}", len(faults)
-    file, given, held = entry.get("file"), entry.get("with", {}), entry.get("held_out", False)
-    if imagined:
-        pass
-    elif not isinstance(file, str):
-        more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
-        faults.append(f"{place}: file: {file!r}; give the name of a file in quotes{more}")
-    elif not (folder / file).is_file():
-        faults.append(f"{place}: file: no file '{file}' in {folder}")
-    if not isinstance(held, bool):
-        faults.append(f"{place}: held_out: {held!r}; give true or false")
-    if not isinstance(given, dict):
-        faults.append(f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
-    elif under is not None:
-        try:
-            under(given, by="with")
-        except BadInput as fault:
-            faults.extend(f"{place}: {line}" for line in fault.lines)
-    name = "sigma_K" if kind == "recording" else "sigma"
-    sigma = entry.get(name)
-    if sigma is not None and (isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3):
-        faults.append(f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated")
-    return None if len(faults) > good else {"file": file, "given": given, "held_out": held}
-
-
-def _view(entry, number, where, under, folder, faults, planned: bool) -> View | None:
-    imagined = planned and "view" in entry and "file" not in entry
-    if imagined and entry["view"] not in synthetic.FACES:
-        known = ", ".join(synthetic.FACES)
-        faults.append(f"{where('recording')}: recording {number}: view: {entry['view']!r}; give {known}")
-        return None
-    common = _common(entry, "recording", number, where, under, folder, faults, imagined)
-    if common is None:
-        return None
-    if imagined:
-        common["file"] = f"planned {number} {entry['view']}"
-        taken = _imagined(entry["view"], under(common["given"]))
-        return View(recording=taken, sigma_K=entry.get("sigma_K"), **common)
-    try:
-        return View(recording=recording.load(folder / common["file"]), sigma_K=entry.get("sigma_K"), **common)
-    except BadInput as fault:
-        faults.extend(fault.lines)
-        return None
-
-
-def _force(entry, number, where, under, folder, faults) -> Force | None:
-    common = _common(entry, "force", number, where, under, folder, faults)
-    if common is None:
-        return None
-    try:
-        time, mu = pairs(common["file"], folder, "file")
-    except BadInput as fault:
-        faults.extend(f"{where('force')}: force {number}: {line}" for line in fault.lines)
-        return None
-    return Force(time=time, mu=mu, sigma=entry.get("sigma"), **common)

@@ -10,10 +10,10 @@ import numpy as np
 
 from flashtemp.camera.observation import ABOVE, WAKE, Instrument, Seen, observe
 from flashtemp.camera.registration import align
-from flashtemp.comparison.campaign import Campaign, Force, View, told
+from flashtemp.comparison.campaign import Campaign, Condition, Force, View
 from flashtemp.comparison.noise import Noise, Place, lag_one, noise, structured, whiten
 from flashtemp.errors import BadInput
-from flashtemp.model import case as cases
+from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
@@ -155,14 +155,13 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     Raises BadInput, SolverFailure.
     """
     seeings, pullings, runs = {}, {}, []
-    groups = conditions(campaign)
-    for number, (given, views, forces) in enumerate(groups, 1):
-        watch(f"condition {number} of {len(groups)}: {told(given)}")
-        scene, run = simulate(campaign, given, views)
+    for number, condition in enumerate(campaign.conditions, 1):
+        watch(f"condition {number} of {len(campaign.conditions)}: {condition.words}")
+        scene, run = simulate(campaign, condition)
         runs.append(run)
-        for view in views:
+        for view in condition.views:
             seeings[id(view)] = see(run, scene, view)
-        for force in forces:
+        for force in condition.forces:
             pullings[id(force)] = pull(run, force)
     return Comparison(
         campaign,
@@ -172,27 +171,18 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     )
 
 
-def conditions(campaign: Campaign) -> list[tuple[dict, list[View], list[Force]]]:
-    """Entries that share their overrides, so that each condition is simulated once."""
-    groups: dict[str, tuple[dict, list, list]] = {}
-    for kind, entries in ((1, campaign.views), (2, campaign.forces)):
-        for entry in entries:
-            key = repr(sorted(entry.given.items(), key=lambda item: item[0]))
-            groups.setdefault(key, (entry.given, [], []))[kind].append(entry)
-    return list(groups.values())
-
-
-def simulate(campaign: Campaign, given: dict, views: list[View]) -> tuple[Scene, Run]:
+def simulate(campaign: Campaign, condition: Condition) -> tuple[Scene, Run]:
     """March the believed case under one condition, with fields at all times that its recordings show."""
+    given, views = condition.given, condition.views
     case = campaign.load(given | window(campaign.load(given), views))
-    scene = cases.build(case)
+    scene = case.scene
     for view in views:
         check(view, scene)
-    settings = replace(cases.settings(case), times=moments(views, scene), fields=2)
+    settings = replace(case.settings, times=moments(views, scene), fields=2)
     return scene, march(scene, settings, case.title)
 
 
-def window(case: cases.Case, views) -> dict[str, Any]:
+def window(case: Case, views) -> dict[str, Any]:
     """Overrides of a case for what its recordings see: even cells up a side wall, road as far as a wake reaches."""
     out, wakes = {}, [v for v in views if v.recording.view == "wake"]
     if any(v.recording.view == "sidewall" for v in views):

@@ -17,7 +17,7 @@ import numpy as np
 from flashtemp.camera import synthetic
 from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model import case as cases
+from flashtemp.model.case import Case
 from flashtemp.model.numerics import available, choose
 from flashtemp.model.schema import declared, refinement
 from flashtemp.physics import own_effects
@@ -53,7 +53,7 @@ class Plan:
     nuisance: float = 1.0
 
 
-def twin(case: cases.Case, plan: Plan, out, watch: Callable[[str], Any] = lambda text: None) -> Path:
+def twin(case: Case, plan: Plan, out, watch: Callable[[str], Any] = lambda text: None) -> Path:
     """Write campaign.toml, case.toml, recordings, load-cell traces and the sealed truth into a new folder.
 
     Raises BadInput, SolverFailure.
@@ -66,7 +66,7 @@ def twin(case: cases.Case, plan: Plan, out, watch: Callable[[str], Any] = lambda
     return out
 
 
-def _with_files(case: cases.Case, plan: Plan) -> tuple[cases.Case, Plan]:
+def _with_files(case: Case, plan: Plan) -> tuple[Case, Plan]:
     """The case with effect files that are to be hidden, each read where the user names it, and the plan by names."""
     files = [own_effects.own(h, Path()) for h in plan.hidden if h.endswith(".py")]
     held = {o.name: o for o in (*case.own, *files)}
@@ -74,7 +74,7 @@ def _with_files(case: cases.Case, plan: Plan) -> tuple[cases.Case, Plan]:
     return replace(case, own=tuple(held.values())), replace(plan, hidden=hidden)
 
 
-def _check(case: cases.Case, plan: Plan) -> None:
+def _check(case: Case, plan: Plan) -> None:
     for name in plan.hidden:
         if name not in case.known:
             raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, case.known)}")
@@ -98,7 +98,7 @@ def _check(case: cases.Case, plan: Plan) -> None:
             raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
 
 
-def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
+def _write(case: Case, plan: Plan, work: Path, watch) -> None:
     import tomli_w
 
     rng = np.random.default_rng(plan.seed)
@@ -108,7 +108,13 @@ def _write(case: cases.Case, plan: Plan, work: Path, watch) -> None:
     strengths = {name: strength(name, case, rng) for name in plan.hidden}
     drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in KNOWN.items()}
     numerics = discretisation(case, rng)
-    truth = {"hidden": strengths, "nuisance": drawn, "numerics": numerics, "seed": plan.seed, "recordings": {}}
+    truth: dict[str, Any] = {
+        "hidden": strengths,
+        "nuisance": drawn,
+        "numerics": numerics,
+        "seed": plan.seed,
+        "recordings": {},
+    }
     entries: dict[str, list] = {"recording": [], "force": []}
     for number, factors in enumerate(CONDITIONS[: plan.conditions], 1):
         given = {
@@ -146,7 +152,7 @@ def _within(key: str, value: float) -> float:
     return float(np.clip(value, param.low, param.high))
 
 
-def strength(name: str, case: cases.Case, rng) -> dict[str, float]:
+def strength(name: str, case: Case, rng) -> dict[str, float]:
     """Parameters of a hidden effect: half to one and a half times its default, or what the case says of it."""
     out = {}
     for key, param in case.known[name].params().items():
@@ -159,7 +165,7 @@ def strength(name: str, case: cases.Case, rng) -> dict[str, float]:
     return out
 
 
-def discretisation(case: cases.Case, rng) -> dict[str, Any]:
+def discretisation(case: Case, rng) -> dict[str, Any]:
     """Another mesh, grading, tolerance and order than the case's own: at least 1.7 times as many cells a direction."""
     n = case.values["numerics"]
     other = [b for b in available() if b != choose(n["integrator"])]
@@ -175,23 +181,23 @@ def discretisation(case: cases.Case, rng) -> dict[str, Any]:
     return out | ({"numerics.integrator": other[0]} if other else {})
 
 
-def _truth(case: cases.Case, plan: Plan, given: dict[str, Any]) -> cases.Case:
+def _truth(case: Case, plan: Plan, given: dict[str, Any]) -> Case:
     """The case with its hidden effects, drawn parameters and own discretisation."""
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
     seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE,
             "numerics.above": ABOVE}  # fmt: skip
-    return cases.load_with(case, given | seen | {"effects": effects})
+    return case.with_values(given | seen | {"effects": effects})
 
 
-def _condition(made: cases.Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:
+def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:
     """March the truth of one condition and write what a laboratory measured of it."""
-    scene = cases.build(made)
+    scene = made.scene
     times, repetition = synthetic.moments(scene.schedule, plan.sliding, plan.waiting)
     blanks = {view: synthetic.blank(view, scene, times, repetition, NETD) for view in plan.views}
     asked = {float(t) for r in blanks.values() for t in synthetic.shown(r, scene.acting)}
     inside = tuple(sorted(t for t in asked if 0.0 <= t <= scene.schedule.end))
-    run = march(scene, replace(cases.settings(made), times=inside, fields=2), made.title)
+    run = march(scene, replace(made.settings, times=inside, fields=2), made.title)
     files, faults = [], {}
     for view, recording in blanks.items():
         own = synthetic.draw(recording, rng, plan.nuisance)

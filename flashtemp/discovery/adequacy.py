@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
+import numpy.typing as npt
 
-from flashtemp.comparison.campaign import told
+from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
-from flashtemp.discovery.calibration import Fit, Study, solved
-from flashtemp.discovery.linear_gaussian import residual
-from flashtemp.discovery.problem import GROUPS, MODE
-from flashtemp.discovery.verdict import Test
+from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.linear_gaussian import Array, Block, residual
+from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.verdict import OwnValue, Test
 
-FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
 SCATTERED = 4.0  # -log10 of the probability that an amplitude scatters so between conditions
 TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
 
-def generic(study: Study, fit: Fit) -> float:
+def generic(problem: Problem, fit: Fit) -> float:
     """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions."""
-    more = {n: v for n, v in fit.priors.items() if n.split(".")[0] in fit.model.effects}
-    base, _, _ = solved(study, fit.system, fit.model, fit.shifts, more)
-    free = {
-        n: (0.0, FLUX / int(n.split(":")[1].split("|")[0]) ** 0.5)
-        for n in fit.system.names
-        if n.startswith(("flux:", "trend:"))
-    }
-    return solved(study, fit.system, fit.model, fit.shifts, more | free)[0].ln_evidence - base.ln_evidence
+    base = fit.solved(problem, fit.effects)
+    wider = fit.solved(problem, fit.effects | unnamed_heat(fit.system.names))
+    return wider.solution.ln_evidence - base.solution.ln_evidence
 
 
 def mode_pulls(fit: Fit) -> float:
     """chi2 of the pressure modes against their prior, at its nominal width."""
-    names = [n for n in fit.solution.names if n.startswith("mode:")]
-    return float(sum((fit.solution[n] / (MODE / int(n[5:]))) ** 2 for n in names))
+    modes = [p for p in fit.solution.names if p.kind is Kind.MODE]
+    return float(sum((fit.solution[p] / (MODE / p.index[0])) ** 2 for p in modes))
 
 
-def pulls(fit: Fit) -> dict[str, float]:
+def pulls(fit: Fit) -> dict[ParameterId, float]:
     """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
     out = {}
-    for n in fit.solution.names:
-        mean, sd = fit.priors[n]
-        kind = n.partition("|")[0].split(":")[0]
-        out[n] = (fit.solution[n] - mean) / GROUPS.get(kind, sd)
+    for p in fit.solution.names:
+        mean, sd = fit.priors[p]
+        out[p] = (fit.solution[p] - mean) / GROUPS.get(p.kind, sd)
     return out
 
 
@@ -62,11 +60,7 @@ def structure(fit: Fit, seed: int, stage: str) -> list[Test]:
     rng = np.random.default_rng(seed)
     out = []
     for block in fit.blocks:
-        used = sorted({c for n, c in block.names if n in fit.solution.names})
-        part = slice(max(0, block.count - LARGEST), None)
-        C = np.concatenate([block.C[part], block.F[part]], axis=1)[:, used].astype(float)
-        left = residual(block, fit.solution)[part]
-        Q = np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
+        left, Q = _last(block, fit)
         found = _statistics(left)
         toys = np.empty((TOYS, len(found)))
         for i in range(TOYS):
@@ -78,33 +72,49 @@ def structure(fit: Fit, seed: int, stage: str) -> list[Test]:
     return out
 
 
-def per_condition(study: Study, fit: Fit, name: str) -> tuple[tuple[str, float, float], ...]:
-    """The first parameter of an effect as each condition alone would have it, the rest as all say."""
-    out, now = [], fit.model.effects[name.split(".")[0]][name.split(".")[1]]
-    shared = {n: (float(d), 1e-3 * float(np.sqrt(v))) for n, d, v in
-              zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
-              if "|" not in n and n != name}  # fmt: skip
-    for number, (given, _, _) in enumerate(study.conditions):
-        own = fit.system.total(lambda b, number=number: b.condition == number and not b.held_out)
-        if own[3]:
-            solution = fit.system.solve(fit.priors | shared | {name: (0.0, 1e3 * fit.priors[name][1])}, own)
-            out.append((told(given), now + solution[name], solution.sd(name)))
+def _last(block: Block, fit: Fit) -> tuple[Array, Array]:
+    """What is left of the last data of a block (n,), and an orthonormal basis (n, k) of what was fitted to them."""
+    used = sorted({c for p, c in block.names if p in fit.solution.names})
+    part = slice(max(0, block.count - LARGEST), None)
+    C = np.concatenate([block.C[part], block.F[part]], axis=1)[:, used].astype(float)
+    left = residual(block, fit.solution)[part]
+    return left, np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
+
+
+def per_condition(problem: Problem, fit: Fit, parameter: ParameterId) -> tuple[OwnValue, ...]:
+    """A parameter of an effect as each condition alone would have it, the rest as all say."""
+    out, now = [], fit.model.value(parameter)
+    shared = {
+        p: (float(d), 1e-3 * float(np.sqrt(v)))
+        for p, d, v in zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
+        if p.everywhere and p != parameter
+    }
+    priors = fit.priors | shared | {parameter: (0.0, 1e3 * fit.priors[parameter][1])}
+    for number, condition in enumerate(problem.conditions):
+        own = fit.system.total(_fitted_of(number))
+        if own.count:
+            solution = fit.system.solve(priors, own)
+            out.append(OwnValue(condition.words, now + solution[parameter], solution.sd(parameter)))
     return tuple(out)
 
 
-def consistent(conditions) -> float:
+def _fitted_of(number: int) -> Callable[[Block], bool]:
+    return lambda b: b.condition == number and not b.held_out
+
+
+def consistent(conditions: Sequence[OwnValue]) -> float:
     """Probability of so much scatter between conditions if all had the same value."""
     from scipy.stats import chi2
 
     if len(conditions) < 2:
         return 1.0
-    value, sd = np.array([c[1] for c in conditions]), np.array([c[2] for c in conditions])
+    value, sd = np.array([c.value for c in conditions]), np.array([c.stderr for c in conditions])
     weight = 1.0 / sd**2
     mean = float(weight @ value / weight.sum())
     return float(chi2.sf(np.sum(((value - mean) / sd) ** 2), len(value) - 1))
 
 
-def _statistics(left: np.ndarray) -> dict[str, float]:
+def _statistics(left: Array) -> dict[str, float]:
     return {
         "mean square": float(np.mean(left**2)),
         "correlation of neighbours": lag_one(left, 0)[0],
@@ -112,13 +122,14 @@ def _statistics(left: np.ndarray) -> dict[str, float]:
     }
 
 
-def _runs(left: np.ndarray, size: int = 8) -> np.ndarray:
+def _runs(left: Array, size: int = 8) -> Array:
     """Means over runs of neighbouring data, in standard errors."""
     whole = len(left) // size * size
-    return left[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
+    means: Array = left[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
+    return means
 
 
-def near_contact(view, residual: np.ndarray) -> float:
+def near_contact(view: View, residual: npt.NDArray[np.float64]) -> float:
     """Root mean square (K) of the mean over frames in the two rows of pixels nearest to the contact."""
     v = view.recording.v
     seen = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
@@ -127,7 +138,7 @@ def near_contact(view, residual: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
 
 
-def mean_map(residual: np.ndarray) -> float:
+def mean_map(residual: npt.NDArray[np.float64]) -> float:
     """Root mean square (K) of the mean over frames."""
     mean = over_frames(residual)
     return float(np.sqrt(np.nanmean(mean**2)))

@@ -1,127 +1,168 @@
-"""From a search to a verdict: gates, data left out, rivals, and what is missing without any catalogue."""
+"""From a search to a verdict: data left out, what is left of each recording, causes, rivals and gates."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.comparison.compare import judge, judge_pull
+from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Fit
-from flashtemp.discovery.linear_gaussian import Solution, System, residual
-from flashtemp.discovery.problem import plain
-from flashtemp.discovery.scores import Score, separability
+from flashtemp.discovery.hypothesis import declaration
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, residual
+from flashtemp.discovery.nuisances import plain
+from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.discovery.prediction import Observable
+from flashtemp.discovery.scores import Score, Separability, separability
 from flashtemp.discovery.search import APART, MOST, NAMED, WEAK, Search
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
-from flashtemp.physics.effect import catalogue
+from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.wording import called
 
 GENERIC, MODAL, EXCESS = 0.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
 ALLOWED = 3.0  # standard deviations of what was known
 INFLATED = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
 
-
-def as_known(search: Search, fit: Fit) -> Fit:
-    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
-
-    Nothing may go farther than ALLOWED standard deviations from what was known, however badly the model fits.
-    """
-    own = {n: v for n, v in fit.priors.items() if n.split(".")[0] in fit.model.effects}
-    priors = plain(search.study, fit.priors) | own
-    return replace(fit, priors=priors, solution=fit.system.bounded(priors, ALLOWED))
+Keep = Callable[[Block], bool]
 
 
-# --- data left out -------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class LeftOut:
     """How well data are predicted that were left out: `density` (folds,) ln probability of each, root mean square in K
     and in sigma."""
 
     labels: tuple[str, ...]
-    density: np.ndarray
+    density: Array
     rmse_K: float
     z: float
 
 
-def left_out(search: Search, fit: Fit) -> LeftOut:
+@dataclass(frozen=True)
+class Assessed:
+    """A fit with what it says of data left out, and the same as `known` with every recording and trace."""
+
+    fit: Fit
+    known: Fit
+    left_out: LeftOut
+    seeings: tuple[Seeing, ...]
+    pullings: tuple[Pulling, ...]
+    fitness: Fitness
+
+
+def assess(search: Search, fit: Fit) -> Assessed:
+    """Everything that is asked of the base model and of the extended one alike."""
+    known = as_known(fit)
+    seeings, pullings = seen(search, known)
+    numbers = fitness(known, seeings, left_out(search.data, known))
+    return Assessed(fit, known, left_out(search.data, fit), seeings, pullings, numbers)
+
+
+def as_known(fit: Fit) -> Fit:
+    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
+
+    Nothing may go farther than ALLOWED standard deviations from what was known, however badly the model fits.
+    """
+    priors = plain(fit.priors) | fit.effects
+    return replace(fit, priors=priors, solution=fit.system.bounded(priors, ALLOWED))
+
+
+# --- data left out -------------------------------------------------------------------------------------
+def left_out(data: Data, fit: Fit) -> LeftOut:
     """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
     system = fit.system
     folds = _folds(system)
-    densities, squares, kelvins, count = [], 0.0, 0.0, 0
+    densities, squares, kelvins, count, total = [], 0.0, 0.0, 0, 0
     for inside in folds.values():
-        everything = system.total(lambda b, inside=inside: not b.held_out or inside(b))
-        without = system.total(lambda b, inside=inside: not b.held_out and not inside(b))
-        every, rest = system.solve(fit.priors, everything), system.solve(fit.priors, without)
+        every = system.solve(fit.priors, system.total(_with(inside)))
+        rest = system.solve(fit.priors, system.total(_without(inside)))
         densities.append(every.ln_evidence - rest.ln_evidence)
         for block in (b for b in system.blocks if inside(b)):
             left = _predicted(system, fit, rest, block)
-            sigma = search.data.noises[block.label]
             squares += float(left @ left)
-            if not isinstance(sigma, float):
-                kelvins += float(left @ left) * sigma.white**2
+            total += block.count
+            if block.label in data.noises:
+                kelvins += float(left @ left) * data.noises[block.label].white ** 2
                 count += len(left)
-    total = sum(b.count for inside in folds.values() for b in system.blocks if inside(b))
     rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
     return LeftOut(tuple(folds), np.array(densities), float(rmse), float(z))
 
 
-def _folds(system: System) -> dict:
+def _folds(system: System) -> dict[str, Keep]:
     if any(b.held_out for b in system.blocks):
         return {"held out": lambda b: b.held_out}
     numbers = sorted({b.condition for b in system.blocks})
     if len(numbers) > 1:
-        return {f"condition {n + 1}": (lambda b, n=n: b.condition == n) for n in numbers}
-    return {b.label: (lambda other, b=b: other is b) for b in system.blocks}
+        return {f"condition {n + 1}": _of_condition(n) for n in numbers}
+    return {b.label: _only(b) for b in system.blocks}
 
 
-def _predicted(system: System, fit: Fit, rest: Solution, block) -> np.ndarray:
+def _with(fold: Keep) -> Keep:
+    return lambda b: not b.held_out or fold(b)
+
+
+def _without(fold: Keep) -> Keep:
+    return lambda b: not b.held_out and not fold(b)
+
+
+def _of_condition(number: int) -> Keep:
+    return lambda b: b.condition == number
+
+
+def _only(block: Block) -> Keep:
+    return lambda b: b is block
+
+
+def _predicted(system: System, fit: Fit, rest: Solution, block: Block) -> Array:
     """Residual (n,) of a block with what others share of the parameters, and its own camera's unknowns fitted."""
-    others = {n for b, (at, *_) in zip(system.blocks, system.parts, strict=True) if b is not block
-              for n in (system.names[k] for k in at)}  # fmt: skip
+    others = {p for b in system.blocks if b is not block for p, _ in b.names}
     priors = {}
-    for i, n in enumerate(rest.names):
+    for i, p in enumerate(rest.names):
         known = float(np.sqrt(rest.covariance[i, i]))
-        priors[n] = (float(rest.d[i]), 1e-3 * known) if n in others and "|" not in n else fit.priors[n]
-    own = system.total(lambda b: b is block)
-    return residual(block, system.solve(priors, own))
+        shared = p in others and p.everywhere
+        priors[p] = (float(rest.d[i]), 1e-3 * known) if shared else fit.priors[p]
+    return residual(block, system.solve(priors, system.total(_only(block))))
 
 
-# --- pictures of what is left ------------------------------------------------------------------------
-def seen(search: Search, fit: Fit):
+# --- what is left of every recording -----------------------------------------------------------------------
+def seen(search: Search, fit: Fit) -> tuple[tuple[Seeing, ...], tuple[Pulling, ...]]:
     """Every recording and trace against a fit, its nuisances included."""
-    found = fit.solution.as_dict()
     seeings, pullings = {}, {}
     blocks = {b.label: b for b in fit.blocks}
-    for (_, views, forces), look in zip(search.study.conditions, fit.looks, strict=True):
-        for entry in (*views, *forces):
-            sight, block = look.sights[entry.file], blocks[entry.file]
-            names: dict[int, float] = {}
-            for name, column in block.names:
-                names[column] = names.get(column, 0.0) + found.get(name, 0.0)
-            fixed = search.data.fixed[entry.file]
-            own = [k for k in sight.columns if k not in fixed]
-            columns = [sight.columns[k] for k in own] + list(fixed.values())
-            change = sum(names[i] * columns[i].astype(float) for i in names if names[i])
-            predicted = np.array(sight.predicted, dtype=float)
-            if predicted.ndim == 3:
-                predicted[:, sight.inside] += change
-                left = np.where(sight.inside, entry.recording.temperature - predicted, np.nan)
-                shift = fit.shifts.get(entry.file, (0.0, 0.0))
-                error = tuple(_sd(fit.solution, f"shift_{a}|{entry.file}") for a in "uv")
-                seeings[entry.file] = judge(entry, predicted, left, search.data.noises[entry.file], shift, error)
-            else:
-                predicted = predicted + change
-                left = np.where(sight.inside, np.array(entry.mu) - predicted, np.nan)
-                pullings[entry.file] = judge_pull(entry, predicted, left)
-    campaign = search.study.campaign
+    for condition, prediction in zip(search.problem.conditions, fit.predictions, strict=True):
+        for view in condition.views:
+            observable = prediction.observables[view.file]
+            predicted = np.array(observable.values, dtype=float)
+            predicted[:, observable.inside] += _change(search.data, fit, blocks[view.file], observable)
+            left = np.where(observable.inside, view.recording.temperature - predicted, np.nan)
+            u, v = (_sd(fit.solution, ParameterId(axis, file=view.file)) for axis in SHIFTS)
+            noise, shift = search.data.noises[view.file], fit.model.shift(view.file)
+            seeings[view.file] = judge(view, predicted, left, noise, shift, (u, v))
+        for force in condition.forces:
+            observable = prediction.observables[force.file]
+            predicted = observable.values + _change(search.data, fit, blocks[force.file], observable)
+            left = np.where(observable.inside, np.array(force.mu) - predicted, np.nan)
+            pullings[force.file] = judge_pull(force, predicted, left)
+    campaign = search.problem.campaign
     return tuple(seeings[v.file] for v in campaign.views), tuple(pullings[f.file] for f in campaign.forces)
 
 
-def _sd(solution: Solution, name: str) -> float:
-    return solution.sd(name) if name in solution.names else 0.0
+def _change(data: Data, fit: Fit, block: Block, observable: Observable) -> Array:
+    """What the fit adds to an observable, (frames, pixels inside) or (n,)."""
+    found, steps = fit.solution.as_dict(), dict[int, float]()
+    for p, column in block.names:
+        steps[column] = steps.get(column, 0.0) + found.get(p, 0.0)
+    fixed = data.fixed[block.label]
+    columns = [v for p, v in observable.columns.items() if p not in fixed] + list(fixed.values())
+    return sum((step * columns[i].astype(float) for i, step in steps.items() if step), np.zeros(()))
 
 
-def fitness(fit: Fit, seeings, out: LeftOut) -> Fitness:
+def _sd(solution: Solution, p: ParameterId) -> float:
+    return solution.sd(p) if p in solution.names else 0.0
+
+
+def fitness(fit: Fit, seeings: Sequence[Seeing], out: LeftOut) -> Fitness:
     """The numbers of a model for people."""
     fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
     squares = sum(s.rmse_K**2 * s.pixels for s in fitted)
@@ -139,22 +180,21 @@ def fitness(fit: Fit, seeings, out: LeftOut) -> Fitness:
 
 
 # --- causes and rivals ----------------------------------------------------------------------------------
-def cause(search: Search, effect: str, fit: Fit, base: LeftOut, extended: LeftOut) -> Cause:
+def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Cause:
     """One accepted effect against the best model without it."""
+    fit = extended.fit
     without = search.fits.get(frozenset(fit.model.effects) - {effect}, search.base)
-    score = _scored(search, effect)
-    own = [n for n in fit.solution.names if n.split(".")[0] == effect]
-    bound = sorted(n for n in fit.bound if n.startswith(f"{effect}."))
-    estimates = tuple(_estimate(fit, n) for n in (*own, *bound))
-    single = separability(search.base, list(search.study.tried))
-    conditions = adequacy.per_condition(search.study, fit, own[0]) if own else ()
+    score = next((s for ranking in search.ranking for s in ranking if s.effect == effect), None)
+    own = [p for p in fit.solution.names if p.effect == effect]
+    bound = sorted(p for p in fit.bound if p.effect == effect)
+    conditions = adequacy.per_condition(search.problem, fit, own[0]) if own else ()
     return Cause(
         effect=effect,
-        words=catalogue()[effect].cause,
-        parameters=estimates,
+        words=search.problem.case.known[effect].cause,
+        parameters=tuple(_estimate(search, fit, p) for p in (*own, *bound)),
         delta_chi2=without.solution.chi2 - fit.solution.chi2,
-        held_out_gain=float(extended.density.sum() - base.density.sum()),
-        distinctness=single.distinctness(effect),
+        held_out_gain=float(extended.left_out.density.sum() - base.left_out.density.sum()),
+        distinctness=separability(search.base, search.problem.tried).distinctness(effect),
         ln_bayes=fit.ln_evidence - without.ln_evidence,
         z=score.z if score else 0.0,
         raw_share=score.raw_share if score else 0.0,
@@ -163,48 +203,40 @@ def cause(search: Search, effect: str, fit: Fit, base: LeftOut, extended: LeftOu
     )
 
 
-def _scored(search: Search, effect: str) -> Score | None:
-    for ranking in search.ranking:
-        for s in ranking:
-            if s.effect == effect:
-                return s
-    return None
-
-
-def _estimate(fit: Fit, name: str) -> Estimate:
-    effect, k = name.split(".")
-    param = catalogue()[effect].params()[k]
-    value = fit.model.effects[effect][k]
-    if name not in fit.solution.names:
-        return Estimate(name, value, 0.0, (value, value), param.unit, True)
-    value, sd = value + fit.solution[name], INFLATED * fit.solution.sd(name)
+def _estimate(search: Search, fit: Fit, p: ParameterId) -> Estimate:
+    param, value = search.problem.case.known[p.effect].params()[p.name], fit.model.value(p)
+    if p not in fit.solution.names:
+        return Estimate(str(p), value, 0.0, (value, value), param.unit, True)
+    value, sd = value + fit.solution[p], INFLATED * fit.solution.sd(p)
     low, high = (float(np.clip(value + s * 1.96 * sd, param.low, param.high)) for s in (-1, 1))
-    return Estimate(name, float(np.clip(value, param.low, param.high)), sd, (low, high), param.unit)
+    return Estimate(str(p), float(np.clip(value, param.low, param.high)), sd, (low, high), param.unit)
 
 
 def rivals(search: Search, accepted: list[str]) -> tuple[Rival, ...]:
     """Every candidate with the reason why it was not chosen."""
-    single, out = separability(search.base, list(search.study.tried)), []
-    for s in search.ranking[0] if search.ranking else ():
-        k, a = next(iter(s.candidate.strengths.items()))
-        param = s.candidate.kind.params()[k]
-        refit = search.fits.get(frozenset({s.effect}))
-        score = refit.ln_evidence - search.base.ln_evidence if refit is not None else s.ln_bayes
-        amplitude, sd = param.off + s.amplitude[0], s.sd[0]
-        if refit is not None:
-            e = _estimate(refit, f"{s.effect}.{k}")
-            amplitude, sd = e.value, e.stderr
-        left = None
-        if refit is not None and accepted and search.best is not None and s.effect not in accepted:
-            left = search.best.ln_evidence - refit.ln_evidence
-        out.append(Rival(
-            effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
-            reason=_why_not(s, score, left, accepted), parameter=f"{s.effect}.{k}", amplitude=amplitude, stderr=sd,
-            unit=param.unit, z=s.z, raw_share=s.raw_share,
-            detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left, refitted=refit is not None,
-        ))  # fmt: skip
-    out += [Rival(e, 0.0, 0.0, f"not tried: {why}") for e, why in search.study.left.items()]
+    single = separability(search.base, search.problem.tried)
+    out = [_rival(search, s, single, accepted) for s in (search.ranking[0] if search.ranking else ())]
+    out += [Rival(e, 0.0, 0.0, f"not tried: {why}") for e, why in search.problem.left.items()]
     return tuple(sorted(out, key=lambda r: -r.score))
+
+
+def _rival(search: Search, s: Score, single: Separability, accepted: list[str]) -> Rival:
+    """A candidate by its full fit where it had one, by its trace otherwise."""
+    k, a = s.candidate.first
+    param, name = s.candidate.params[k], s.candidate.column(k)
+    refit, left = search.fits.get(frozenset({s.effect})), None
+    score, amplitude, sd = s.ln_bayes, (param.off or 0.0) + s.amplitude[0], s.sd[0]
+    if refit is not None:
+        score, e = refit.ln_evidence - search.base.ln_evidence, _estimate(search, refit, name)
+        amplitude, sd = e.value, e.stderr
+        if accepted and s.effect not in accepted:
+            left = search.best.ln_evidence - refit.ln_evidence
+    return Rival(
+        effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
+        reason=_why_not(s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
+        unit=param.unit, z=s.z, raw_share=s.raw_share,
+        detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left, refitted=refit is not None,
+    )  # fmt: skip
 
 
 def _why_not(s: Score, score: float, left: float | None, accepted: list[str]) -> str:
@@ -223,8 +255,9 @@ def _why_not(s: Score, score: float, left: float | None, accepted: list[str]) ->
 
 def group(search: Search) -> tuple[str, ...]:
     """Effects that explain the data as well as one of the accepted ones."""
-    best, out = search.best, []
+    best = search.best
     accepted = frozenset(best.model.effects)
+    out: list[str] = []
     for names, fit in search.fits.items():
         swapped = len(names) == len(accepted) and len(names - accepted) == 1
         if swapped and fit.converged and fit.ln_evidence > best.ln_evidence - APART:
@@ -234,59 +267,36 @@ def group(search: Search) -> tuple[str, ...]:
 
 # --- what was calibrated, and gates ------------------------------------------------------------------
 def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
-    """Calibrated nuisances, those farthest from what was known first."""
-    out, away = [], adequacy.pulls(fit)
-    for n in fit.solution.names:
-        if n in search.study.priors:
-            value = search.study.case[n] * float(np.exp(fit.model.free[n] + fit.solution[n]))
-            out.append(Pull(n, value, value * fit.solution.sd(n), away[n], _unit(n)))
-        elif n.split(".")[0] not in fit.model.effects and not n.startswith("mode:"):
-            moved = n.startswith("shift_")
-            now = fit.shifts.get(n.partition("|")[2], (0.0, 0.0))[n[6] == "v"] if moved else 0.0
-            unit = "px" if moved else "1"
-            out.append(Pull(_called(n), now + fit.solution[n], fit.solution.sd(n), away[n], unit))
-    first = [p for p in out if p.name in search.study.priors]
-    return (*first, *sorted((p for p in out if p.name not in search.study.priors), key=lambda p: -abs(p.pull)))
+    """Calibrated nuisances, free keys first, then those farthest from what was known."""
+    free, other, away = [], [], adequacy.pulls(fit)
+    for p in fit.solution.names:
+        step, sd = fit.solution[p], fit.solution.sd(p)
+        if p.kind is Kind.KEY:
+            value = search.problem.case[p.name] * float(np.exp(fit.model.free[p.name] + step))
+            free.append(Pull(str(p), value, value * sd, away[p], _unit(search, p.name)))
+        elif p.kind in SHIFTS:
+            other.append(Pull(called(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
+        elif p.kind not in (Kind.EFFECT, Kind.MODE):
+            other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
+    return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 
 
-def _unit(key: str) -> str:
-    from flashtemp.model.schema import declared
-
-    return declared(key.rsplit(".", 1)[0])[key.rsplit(".", 1)[1]].unit
-
-
-CALLED = {
-    "shift_u": "shift along u of", "shift_v": "shift along v of", "gain": "camera gain of", "spread": "optics of",
-    "map": "gain map of", "wall": "cooler wall of", "scatter": "friction of a repetition in",
-    "level": "friction of", "trend": "drifting pressure in", "mesh": "coarser mesh in", "cell": "load cell's gain",
-}  # fmt: skip
-
-
-def _called(name: str) -> str:
-    """A nuisance in words."""
-    kind, _, where = name.partition("|")
-    kind, *which = kind.split(":")
-    if where.isdigit():
-        where = f"condition {int(where) + 1}"
-    number = f" ({', '.join(which)})" if which else ""
-    where = where.rpartition("/")[2]
-    return f"{CALLED.get(kind, kind)} {where}{number}".strip()
+def _unit(search: Search, key: str) -> str:
+    return declaration(search.problem.case, key).unit
 
 
 def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     """What was checked for adequacy, with its limit: beyond it something is left that has no name."""
     away = adequacy.pulls(fit)
-    theta = max((abs(v) for n, v in away.items() if n in search.study.priors), default=0.0)
-    camera = max((abs(v) for n, v in away.items() if n not in search.study.priors), default=0.0)
-    conditions = [
-        adequacy.per_condition(search.study, fit, n) for n in fit.solution.names if n.split(".")[0] in fit.model.effects
-    ]
+    theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
+    camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
+    conditions = [adequacy.per_condition(search.problem, fit, p) for p in fit.fitted]
     scatter = max((-np.log10(max(adequacy.consistent(c), 1e-99)) for c in conditions), default=0.0)
     third = search.ranking[-1][0].ln_bayes if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
     return {
         "a third cause (ln Bayes factor)": (third, NAMED),
         "amplitude differs between conditions (-log10 of its probability)": (scatter, adequacy.SCATTERED),
-        "heat of any shape (ln Bayes factor)": (adequacy.generic(search.study, fit), GENERIC),
+        "heat of any shape (ln Bayes factor)": (adequacy.generic(search.problem, fit), GENERIC),
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),
         "calibrated parameters (standard deviations)": (theta, adequacy.PULL),
         "camera and friction scatter (standard deviations)": (camera, 2.0 * adequacy.PULL),

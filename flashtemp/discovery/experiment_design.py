@@ -7,28 +7,31 @@ follows from the model.  The experiment to add is the one that leaves most of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flashtemp.camera import synthetic
-from flashtemp.comparison.campaign import View
+from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
-from flashtemp.discovery.prediction import Look, Task, Wanted
-from flashtemp.discovery.problem import MODES, Data, Study, nuisances
+from flashtemp.discovery.nuisances import MODES, nuisances
+from flashtemp.discovery.parameters import ParameterId, Priors
+from flashtemp.discovery.prediction import Derivatives, Prediction, Task
+from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scores import NOTHING, Separability, separability
+from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
-from flashtemp.model import case as cases
 from flashtemp.physics.quantities import KELVIN
 
 SURE = 5.0  # signal to noise at which an effect is told from all others
 RIVALS = 3.0  # typical strengths that every rival may take meanwhile
 WHITE, PATTERN = 0.05, 0.03  # K: noise of a camera of which nothing is said
-ADDED = (  # words, key, factor or difference
+ADDED: tuple[tuple[str, str, float, float], ...] = (  # words, key, factor or difference
     ("at three times the speed", "schedule.speed", 3.0, 0.0),
     ("at a third of the speed", "schedule.speed", 1 / 3, 0.0),
     ("at twice the pressure", "contact.pressure", 2.0, 0.0),
@@ -98,22 +101,21 @@ class Outlook:
         return "\n".join(lines)
 
 
-def plan(study: Study) -> Outlook:
+def plan(problem: Problem) -> Outlook:
     """The outlook of a campaign whose recordings may be blank.  Raises BadInput, SolverFailure."""
-    data = Data(study, noises=_noises(study))
-    model = Model({k: 0.0 for k in study.campaign.free})
-    looks = _checked(study.run(study.tasks(model, _everything(study), {})))
-    fit = _blank_fit(study, data, model, looks)
-    sep = separability(fit, list(study.tried))
-    prospects = _prospects(study, fit, sep)
+    model = problem.start
+    predictions = problem.predictions(problem.tasks(model, _everything(problem)))
+    fit = _blank_fit(problem, model, predictions)
+    separable = separability(fit, problem.tried)
+    prospects = _prospects(problem, fit, separable)
     weak = [p.effect for p in prospects if p.z > NOTHING and not p.separable]
-    added = experiments(study, fit, weak) if weak else ()
-    return Outlook(study.campaign.title, prospects, sep, added)
+    added = experiments(problem, fit, weak) if weak else ()
+    return Outlook(problem.campaign.title, prospects, separable, added)
 
 
-def advise(study: Study, fit: Fit, alike: tuple[str, ...]) -> str:
+def advise(problem: Problem, fit: Fit, alike: tuple[str, ...]) -> str:
     """The experiment that would separate effects which explain the same data equally well, in words."""
-    found = experiments(study, fit, list(alike))
+    found = experiments(problem, fit, list(alike))
     if not found:
         return "no further condition was found that separates them; measure the pressure or the friction directly"
     best = found[0]
@@ -121,128 +123,107 @@ def advise(study: Study, fit: Fit, alike: tuple[str, ...]) -> str:
     return f"measure one more condition {best.words}: it would tell {' and '.join(alike)} apart by {least:.0f} sigma"
 
 
-def experiments(study: Study, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
+def experiments(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
     """One more condition of each kind, ranked by what it leaves of the worst of some effects."""
-    now = _left(study, fit, effects)
-    tasks = {words: _task(study, fit.model, *change) for words, *change in ADDED}
-    tasks = {words: task for words, task in tasks.items() if task is not None}
+    now = _left(problem, fit, effects)
+    asked = [(words, _task(problem, fit.model, *change)) for words, *change in ADDED]
+    tasks = {words: task for words, task in asked if task is not None}
     out = []
-    for (words, task), look in zip(tasks.items(), study.run(list(tasks.values())), strict=True):
-        if isinstance(look, Exception):
-            continue
-        more = replace(study, conditions=((task.given, task.views, ()),))
-        extra = Data(more, noises={v.file: Noise(WHITE, PATTERN) for v in task.views})
-        extra.fix([look], [])
-        number = len(study.conditions)
-        blocks = [replace(b, condition=number, names=_renumbered(b.names, number)) for b in extra.blocks([look])]
-        system = System([*fit.blocks, *blocks])
-        wider = replace(fit, system=system, blocks=system.blocks, priors=fit.priors | _priors(study, system, fit))
-        left = _left(study, wider, effects)
-        helps = tuple(e for e in effects if left.get(e, 0.0) >= SURE > now.get(e, 0.0))
-        out.append(Experiment(words, task.given, left, helps))
+    for (words, task), answer in zip(tasks.items(), problem.run(list(tasks.values())), strict=True):
+        if isinstance(answer, Prediction):
+            left = _left(problem, _wider(problem, fit, task, answer), effects)
+            helps = tuple(e for e in effects if left.get(e, 0.0) >= SURE > now.get(e, 0.0))
+            out.append(Experiment(words, task.given, left, helps))
     return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 
 
-def _everything(study: Study) -> Wanted:
-    return Wanted(study.campaign.free, True, MODES, False, study.tried, True)
+def _wider(problem: Problem, fit: Fit, task: Task, prediction: Prediction) -> Fit:
+    """A fit with the data of one more condition, of which nothing but their noise is known."""
+    campaign = replace(problem.campaign, views=task.views, forces=())
+    more = replace(problem, campaign=campaign, conditions=(Condition(task.given, task.views, ()),))
+    data = Data.begin(more, [prediction], noises={v.file: Noise(WHITE, PATTERN) for v in task.views})
+    system = System([*fit.blocks, *data.blocks([prediction], first=len(problem.conditions))])
+    fresh = [p for p in system.names if p not in fit.system.index]
+    return replace(fit, system=system, priors=fit.priors | nuisances(more, fresh, fit.model))
 
 
-def _noises(study: Study) -> dict:
+def _everything(problem: Problem) -> Derivatives:
+    return Derivatives(problem.free, True, MODES, False, problem.tried, True)
+
+
+def _noises(problem: Problem) -> dict[str, Noise]:
     out = {}
-    for v in study.campaign.views:
+    for v in problem.campaign.views:
         r = v.recording
         white = v.sigma_K or r.netd_K or WHITE
         out[v.file] = Noise(white, PATTERN if r.fixed_pattern_K is None else r.fixed_pattern_K)
     return out
 
 
-def _checked(looks: list) -> list[Look]:
-    for answer in looks:
-        if isinstance(answer, FlashtempError):
-            raise answer
-    return looks
-
-
-def _blank_fit(study: Study, data: Data, model: Model, looks: list[Look]) -> Fit:
+def _blank_fit(problem: Problem, model: Model, predictions: list[Prediction]) -> Fit:
     """A fit of nothing: priors and products only."""
-    data.fix(looks, [])
-    blocks = data.blocks(looks)
-    system = System(blocks)
-    priors = nuisances(study, system.names, model, {})
-    return Fit(model, {}, looks, blocks, system, system.solve(priors), priors, 1.0, (0.0,))
+    system = System(Data.begin(problem, predictions, noises=_noises(problem)).blocks(predictions))
+    priors = nuisances(problem, system.names, model)
+    return Fit(model, tuple(predictions), system, system.solve(priors), priors, 1.0, (0.0,))
 
 
-def _sizes(tried) -> dict[str, tuple[str, float]]:
+def _sizes(tried: Sequence[Candidate]) -> dict[str, tuple[ParameterId, float]]:
     """{effect: (column, typical strength)} of every candidate's first strength."""
-    out = {}
-    for c in tried:
-        k, a = next(iter(c.strengths.items()))
-        out[c.effect] = (c.column(k), abs(a))
-    return out
+    return {c.effect: (c.column(c.first[0]), abs(c.first[1])) for c in tried}
 
 
-def _left(study: Study, fit: Fit, effects: list[str]) -> dict[str, float]:
+def _left(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float]:
     """Signal to noise that is left of typical strengths while all nuisances and rivals are free."""
-    sizes = {e: v for e, v in _sizes(study.tried).items() if v[0] in fit.system.index}
-    own = {n: v for n, v in fit.priors.items() if n not in {c for c, _ in sizes.values()}}
-    products = fit.system.total()
+    sizes = {e: v for e, v in _sizes(problem.tried).items() if v[0] in fit.system.index}
+    own = {p: v for p, v in fit.priors.items() if p not in {column for column, _ in sizes.values()}}
+    equations = fit.system.total()
     out = {}
     for effect in effects:
         if effect not in sizes:
             continue
-        rivals = {c: (0.0, RIVALS * a) for e, (c, a) in sizes.items() if e != effect}
+        rivals: Priors = {column: (0.0, RIVALS * a) for e, (column, a) in sizes.items() if e != effect}
         column, a = sizes[effect]
-        _, info, _ = fit.system.projected(own | rivals, [column], products)
-        out[effect] = a * float(np.sqrt(max(info[0, 0], 0.0)))
+        found = fit.system.projected(own | rivals, [column], equations)
+        out[effect] = a * float(np.sqrt(max(found.information[0, 0], 0.0)))
     return out
 
 
-def _prospects(study: Study, fit: Fit, sep: Separability) -> tuple[Prospect, ...]:
-    left = _left(study, fit, list(sep.names))
-    by_name: dict[str, Candidate] = {c.effect: c for c in study.tried}
+def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Prospect, ...]:
+    left = _left(problem, fit, list(separable.names))
+    by_name: dict[str, Candidate] = {c.effect: c for c in problem.tried}
     out = []
-    for i, effect in enumerate(sep.names):
-        c, z = by_name[effect], float(sep.z[i])
-        k, a = next(iter(c.strengths.items()))
-        nearest, rho = sep.nearest(effect) if len(sep.names) > 1 else ("none", 0.0)
+    for i, effect in enumerate(separable.names):
+        c, z = by_name[effect], float(separable.z[i])
+        k, a = c.first
+        nearest, rho = separable.nearest(effect) if len(separable.names) > 1 else ("none", 0.0)
         size = SURE * abs(a) / z if z > NOTHING else float("inf")
-        unit = c.kind.params()[k].unit
-        out.append(Prospect(effect, f"{effect}.{k}", unit, z, left.get(effect, 0.0), size, nearest, rho))
+        unit = c.params[k].unit
+        out.append(Prospect(effect, str(c.column(k)), unit, z, left.get(effect, 0.0), size, nearest, rho))
     return tuple(sorted(out, key=lambda p: -p.z_left))
 
 
-def _task(study: Study, model: Model, key: str, factor: float, step: float) -> Task | None:
+def _task(problem: Problem, model: Model, key: str, factor: float, step: float) -> Task | None:
     """The first condition with one key changed, seen by the same cameras; None where that cannot be."""
-    given, views, _ = study.conditions[0]
-    case = study.campaign.load(given)
+    first = problem.conditions[0]
+    case = problem.campaign.load(first.given)
     value = case[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value * factor + step == value:
         return None
-    changed = given | {key: float(f"{value * factor + step:.6g}")}
-    pins = dict(study.pins[0])
+    changed = first.given | {key: float(f"{value * factor + step:.6g}")}
+    pins = dict(problem.pins[0])
     pins.pop("road.depth", None)
     try:
-        scene = cases.build(cases.load(study.campaign.case, changed | pins))
+        scene = problem.campaign.load(changed | pins).scene
     except FlashtempError:
         return None
-    pins["road.depth"] = max(float(study.pins[0].get("road.depth", 0.0)), float(scene.mesh.depth[-1]))
+    pins["road.depth"] = max(float(problem.pins[0].get("road.depth", 0.0)), float(scene.mesh.depth[-1]))
     times, repetition = synthetic.moments(scene.schedule, 4, 1)
     planned = []
-    for v in views:
+    for v in first.views:
         shape = (len(times), len(v.recording.v), len(v.recording.u))
         blank = np.full(shape, scene.ambient - KELVIN)
         recording = replace(v.recording, temperature=blank, time=times, repetition=repetition)
         planned.append(View(f"planned {v.file}", recording, changed, v.sigma_K))
-    return Task(study.campaign.case, changed, pins, model, tuple(planned), (), _everything(study), {})
-
-
-def _renumbered(names, number: int):
-    return tuple((n.rsplit("|", 1)[0] + f"|{number}" if n.endswith("|0") else n, c) for n, c in names)
-
-
-def _priors(study: Study, system: System, fit: Fit) -> dict[str, tuple[float, float]]:
-    """Priors of the nuisances that only the added condition has."""
-    fresh = [n for n in system.names if n not in fit.system.index]
-    planned = replace(study.campaign, views=tuple(
-        replace(v, file=f"planned {v.file}") for v in study.campaign.views))  # fmt: skip
-    return nuisances(replace(study, campaign=planned), fresh, fit.model, {})
+    unshifted = replace(model, shifts={})
+    more = _everything(problem)
+    return Task(problem.campaign.case, changed, pins, unshifted, tuple(planned), (), more, problem.campaign.trust)

@@ -1,16 +1,17 @@
-"""What may move: the believed case at a point, its nuisance parameters with priors, and the candidate effects."""
+"""What may be the case: the believed one at a point, and the candidate effects that it may lack."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from flashtemp.discovery.parameters import Kind, ParameterId, Priors
 from flashtemp.errors import BadInput
-from flashtemp.model import case as cases
-from flashtemp.model.schema import declared
-from flashtemp.physics.effect import Effect, catalogue
+from flashtemp.model.case import Case
+from flashtemp.physics.effect import Effect, Param
 
 PRIORS = {  # relative standard deviation: how well a laboratory knows what it may calibrate
     "friction.mu": 0.1,
@@ -26,119 +27,151 @@ def prior(key: str) -> float:
     return PRIORS.get(key, OTHERWISE)
 
 
+def declaration(case: Case, key: str) -> Param:
+    """What is declared of a key of a case."""
+    table, name = key.rsplit(".", 1)
+    return case.declared(table)[name]
+
+
+def within(param: Param, value: float) -> float:
+    """A value kept within the bounds of its parameter."""
+    low = math.nextafter(param.low, math.inf) if param.open_low else param.low
+    return float(min(max(value, low), param.high))
+
+
 @dataclass(frozen=True)
 class Model:
-    """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}}."""
+    """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
+    and `shifts` (px along u and v) of the images of recordings by file."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
+    shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def overrides(self, case: cases.Case) -> dict[str, Any]:
+    def on(self, case: Case) -> Case:
+        """The case at this point.  Raises BadInput."""
+        return case.with_values(self.overrides(case))
+
+    def overrides(self, case: Case) -> dict[str, Any]:
         """Keys of the case that this point changes; values are kept within their bounds."""
         out: dict[str, Any] = {}
         for key, factor in self.free.items():
-            out[key] = _within(key, case[key] * math.exp(factor))
+            out[key] = within(declaration(case, key), case[key] * math.exp(factor))
         if self.effects:
             out["effects"] = [*case.effects, *self.effects]
         for name, values in self.effects.items():
-            out |= {f"{name}.{k}": _within(f"{name}.{k}", v) for k, v in values.items()}
+            params = case.known[name].params()
+            out |= {f"{name}.{k}": within(params[k], v) for k, v in values.items()}
         return out
 
-    def moved(self, name: str, step: float) -> Model:
-        """The same with one parameter moved: a free key, or "effect.parameter" of one of the effects."""
-        if name in self.free:
-            return Model(self.free | {name: self.free[name] + step}, self.effects)
-        effect, k = name.split(".")
-        return self.with_effect(effect, self.effects[effect] | {k: self.effects[effect][k] + step})
+    def value(self, p: ParameterId) -> float:
+        """Where a parameter of one of the effects stands."""
+        return self.effects[p.effect][p.name]
+
+    def shift(self, file: str) -> tuple[float, float]:
+        """Where the image of a recording stands, px along u and v."""
+        return self.shifts.get(file, (0.0, 0.0))
+
+    def moved(self, p: ParameterId, step: float) -> Model:
+        """The same with a free key, or a parameter of one of the effects, moved."""
+        if p.kind is Kind.KEY:
+            return replace(self, free=self.free | {p.name: self.free[p.name] + step})
+        return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.value(p) + step})
 
     def with_effect(self, effect: str, values: dict[str, float]) -> Model:
         """The same with an effect added or changed."""
-        return Model(self.free, self.effects | {effect: values})
-
-
-def _within(key: str, value: float) -> float:
-    table, name = key.rsplit(".", 1)
-    param = declared(table)[name]
-    low = math.nextafter(param.low, math.inf) if param.open_low else param.low
-    return float(min(max(value, low), param.high))
+        return replace(self, effects=self.effects | {effect: values})
 
 
 @dataclass(frozen=True)
 class Candidate:
     """An effect that may be missing: `strengths` {parameter: typical change from off}, `shapes` {parameter: default}.
 
-    `optical`: it acts in the camera only.  `variants` are values of the shapes from which a fit may start.
+    `params` are its declarations; `optical`: it acts in the camera only.
     """
 
     effect: str
+    params: dict[str, Param]
     strengths: dict[str, float]
     shapes: dict[str, float]
     optical: bool
 
     @property
-    def kind(self) -> type[Effect]:
-        return catalogue()[self.effect]
+    def first(self) -> tuple[str, float]:
+        """The strength that stands for the effect, and its typical change from off."""
+        return next(iter(self.strengths.items()))
 
     @property
     def variants(self) -> tuple[dict[str, float], ...]:
-        """Defaults first, then every shape that may differ lower and higher by its spread."""
+        """Values of the shapes from which a fit may start: defaults, then each lower and higher by its spread."""
         out = [dict(self.shapes)]
-        params = self.kind.params()
         for k, value in self.shapes.items():
-            spread = params[k].spread
+            spread = self.params[k].spread
             if spread > 1.0:
-                out += [self.shapes | {k: _within(f"{self.effect}.{k}", value * f)} for f in (1 / spread, spread)]
+                out += [self.shapes | {k: within(self.params[k], value * f)} for f in (1 / spread, spread)]
         return tuple(out)
 
     def off(self, variant: int = 0) -> dict[str, float]:
         """Values of all parameters with every strength off."""
-        idle = {k: p.off for k, p in self.kind.params().items() if p.off is not None}
+        idle = {k: p.off for k, p in self.params.items() if p.off is not None}
         return idle | self.variants[variant]
 
-    def column(self, k: str, variant: int = 0) -> str:
-        """Name of the trace of a strength."""
-        return f"{self.effect}.{k}" + (f"@{variant}" if variant else "")
+    def column(self, k: str, variant: int = 0) -> ParameterId:
+        """The trace of a strength."""
+        return ParameterId.of_effect(self.effect, k, variant)
 
-    def columns(self, variant: int = 0) -> list[str]:
+    def columns(self, variant: int = 0) -> list[ParameterId]:
         return [self.column(k, variant) for k in self.strengths]
 
+    def priors(self) -> Priors:
+        """Of all that a full fit may move: strengths about off, shapes about their defaults."""
+        out = {}
+        for k, a in self.strengths.items():
+            out[self.column(k)] = (self.params[k].off or 0.0, abs(a))
+        for k, value in self.shapes.items():
+            if self.params[k].spread > 1.0:
+                out[self.column(k)] = (value, abs(value) * float(np.log(self.params[k].spread)))
+        return out
 
-def candidates(case: cases.Case, names: tuple[str, ...] | None) -> tuple[list[Candidate], dict[str, str]]:
+
+def candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[Candidate], dict[str, str]]:
     """Effects that may be missing in a case, and for each that cannot be tried the reason."""
     found, left = [], {}
-    for name, effect in catalogue().items():
+    for name, effect in case.known.items():
         if effect.base or (names is not None and name not in names):
             continue
-        if name in case.effects:
-            left[name] = "the case holds it already"
-            continue
-        if effect.detail:
-            left[name] = "describes the same physics in more detail"
-            continue
-        if names is None and effect.alike:
-            left[name] = f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
-            continue
-        params = effect.params()
-        plain = {k: p for k, p in params.items() if "number" in p.kinds and isinstance(p.value, (int, float))}
-        needs = [k for k, p in params.items() if p.value is None and k not in plain]
-        strengths = {
-            k: float(p.value - p.off)
-            for k, p in plain.items()
-            if p.off is not None and math.isfinite(p.off) and math.isfinite(p.value) and p.value != p.off
-        }
-        shapes = {k: float(p.value) for k, p in plain.items() if p.off is None and not isinstance(p.value, bool)}
-        optical = effect.heat is Effect.heat
-        candidate = Candidate(name, strengths, shapes, optical)
-        try:
-            cases.load_with(case, {"effects": [*case.effects, name]})
-        except BadInput as fault:
-            left[name] = f"needs {', '.join(needs)}" if needs else fault.lines[0]
-            continue
-        if strengths:
+        reason = _unfit(case, name, effect, names is not None)
+        candidate = _candidate(name, effect)
+        if reason:
+            left[name] = reason
+        elif candidate.strengths:
             found.append(candidate)
     return found, left
 
 
-def believed(path: Path, given: dict[str, Any], model: Model) -> cases.Case:
-    """The case of one condition at a point."""
-    return cases.load(path, given | model.overrides(cases.load(path, given)))
+def _unfit(case: Case, name: str, effect: type[Effect], asked: bool) -> str:
+    """Why an effect cannot be tried; empty where it can."""
+    if name in case.effects:
+        return "the case holds it already"
+    if effect.detail:
+        return "describes the same physics in more detail"
+    if effect.alike and not asked:
+        return f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
+    try:
+        case.with_values({"effects": [*case.effects, name]})
+    except BadInput as fault:
+        needs = [k for k, p in effect.params().items() if p.value is None]
+        return f"needs {', '.join(needs)}" if needs else fault.lines[0]
+    return ""
+
+
+def _candidate(name: str, effect: type[Effect]) -> Candidate:
+    params = effect.params()
+    plain = {k: p for k, p in params.items() if "number" in p.kinds and isinstance(p.value, (int, float))}
+    strengths = {
+        k: float(p.value - p.off)
+        for k, p in plain.items()
+        if p.off is not None and math.isfinite(p.off) and math.isfinite(p.value) and p.value != p.off
+    }
+    shapes = {k: float(p.value) for k, p in plain.items() if p.off is None and not isinstance(p.value, bool)}
+    return Candidate(name, params, strengths, shapes, effect.heat is Effect.heat)

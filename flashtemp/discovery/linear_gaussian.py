@@ -6,12 +6,19 @@ only the products of C and r are kept, so that any choice of columns, priors and
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import lsq_linear
+
+from flashtemp.discovery.parameters import ParameterId, Priors
+
+Array = npt.NDArray[np.float64]
+Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
 
 
 @dataclass(frozen=True)
@@ -25,11 +32,11 @@ class Block:
     label: str
     condition: int
     held_out: bool
-    r: np.ndarray
-    C: np.ndarray
-    names: tuple[tuple[str, int], ...]
-    F: np.ndarray
-    FF: np.ndarray
+    r: Array
+    C: Columns
+    names: tuple[tuple[ParameterId, int], ...]
+    F: Columns
+    FF: Array
 
     @property
     def count(self) -> int:
@@ -37,26 +44,53 @@ class Block:
 
 
 @dataclass(frozen=True)
+class NormalEquations:
+    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data."""
+
+    matrix: Array
+    right: Array
+    square: float
+    count: int
+
+
+@dataclass(frozen=True)
+class BlockEquations:
+    """Normal equations of one block, for the columns `at` (k,) of the system."""
+
+    at: npt.NDArray[np.int64]
+    equations: NormalEquations
+
+
+@dataclass(frozen=True)
 class Solution:
     """Estimate `d` and `covariance` of the columns `names`; `ln_evidence` and `chi2` of data with priors."""
 
-    names: tuple[str, ...]
-    d: np.ndarray
-    covariance: np.ndarray
+    names: tuple[ParameterId, ...]
+    d: Array
+    covariance: Array
     ln_evidence: float
     chi2: float
     count: int
 
-    def __getitem__(self, name: str) -> float:
+    def __getitem__(self, name: ParameterId) -> float:
         return float(self.d[self.names.index(name)])
 
-    def sd(self, name: str) -> float:
+    def sd(self, name: ParameterId) -> float:
         """Standard error of one column's strength."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[ParameterId, float]:
         return dict(zip(self.names, self.d.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """What nuisances cannot absorb of some columns: `score` u (w,), `information` I (w, w) and its `raw` diagonal."""
+
+    score: Array
+    information: Array
+    raw: Array
 
 
 class System:
@@ -64,11 +98,11 @@ class System:
 
     def __init__(self, blocks: Iterable[Block]):
         self.blocks = list(blocks)
-        self.names: list[str] = list(dict.fromkeys(n for b in self.blocks for n, _ in b.names))
+        self.names: list[ParameterId] = list(dict.fromkeys(n for b in self.blocks for n, _ in b.names))
         self.index = {n: i for i, n in enumerate(self.names)}
         self.parts = [self._products(b) for b in self.blocks]
 
-    def _products(self, block: Block):
+    def _products(self, block: Block) -> BlockEquations:
         C, k = block.C.astype(float), block.C.shape[1]
         F = block.F
         G = np.empty((k + F.shape[1],) * 2)
@@ -78,52 +112,56 @@ class System:
         g = np.concatenate([C.T @ block.r, F.T @ block.r])
         at = np.array([self.index[n] for n, _ in block.names], dtype=int)
         col = np.array([c for _, c in block.names], dtype=int)
-        return at, G[np.ix_(col, col)], g[col], float(block.r @ block.r)
+        return BlockEquations(at, NormalEquations(G[np.ix_(col, col)], g[col], float(block.r @ block.r), block.count))
 
-    def total(self, keep=None) -> tuple[np.ndarray, np.ndarray, float, int]:
-        """C'C, C'r, r'r and the number of data of the blocks for which keep(block) holds, those fitted by default."""
-        keep = keep or (lambda b: not b.held_out)
+    def total(self, keep: Callable[[Block], bool] | None = None) -> NormalEquations:
+        """Those of the blocks for which keep(block) holds, of those fitted by default."""
         n = len(self.names)
         N, b, rr, count = np.zeros((n, n)), np.zeros(n), 0.0, 0
-        for block, (at, G, g, own) in zip(self.blocks, self.parts, strict=True):
-            if keep(block):
-                N[np.ix_(at, at)] += G
-                b[at] += g
-                rr, count = rr + own, count + block.count
-        return N, b, rr, count
+        for block, part in zip(self.blocks, self.parts, strict=True):
+            if keep(block) if keep else not block.held_out:
+                own = part.equations
+                N[np.ix_(part.at, part.at)] += own.matrix
+                b[part.at] += own.right
+                rr, count = rr + own.square, count + own.count
+        return NormalEquations(N, b, rr, count)
 
-    def solve(self, priors: dict[str, tuple[float, float]], products=None) -> Solution:
-        """Estimate the columns named in `priors` {name: (mean, sd)}; those that no block knows are left out."""
+    def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
+        """Estimate the columns named in `priors`; those that no block knows are left out."""
         names = tuple(n for n in priors if n in self.index)
         at = [self.index[n] for n in names]
-        N, b, rr, count = products or self.total()
+        total = equations or self.total()
         mean = np.array([priors[n][0] for n in names])
         sd = np.array([priors[n][1] for n in names])
-        A = sd[:, None] * N[np.ix_(at, at)] * sd[None] + np.eye(len(at))
-        rhs = sd * b[at] + mean / sd
+        A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
+        rhs = sd * total.right[at] + mean / sd
         factor = cho_factor(A, lower=True)
         u = cho_solve(factor, rhs)
-        chi2 = rr + float(np.sum((mean / sd) ** 2)) - float(rhs @ u)
+        chi2 = total.square + float(np.sum((mean / sd) ** 2)) - float(rhs @ u)
         ln_det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         inverse = cho_solve(factor, np.eye(len(at)))
-        return Solution(names, sd * u, sd[:, None] * inverse * sd[None], -0.5 * (chi2 + ln_det), chi2, count)
+        covariance = sd[:, None] * inverse * sd[None]
+        return Solution(names, sd * u, covariance, -0.5 * (chi2 + ln_det), chi2, total.count)
 
-    def bounded(self, priors: dict[str, tuple[float, float]], most: float) -> Solution:
+    def bounded(self, priors: Priors, most: float) -> Solution:
         """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
         free = self.solve(priors)
         at = [self.index[n] for n in free.names]
-        N, b, rr, count = self.total()
+        total = self.total()
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
-        A = sd[:, None] * N[np.ix_(at, at)] * sd[None] + np.eye(len(at))
-        rhs, middle = sd * b[at] + mean / sd, mean / sd
+        A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
+        rhs, middle = sd * total.right[at] + mean / sd, mean / sd
         L = np.linalg.cholesky(A)
         u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - most, middle + most)).x
-        chi2 = rr + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
-        return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, count)
+        chi2 = total.square + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
+        return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, total.count)
 
-    def projected(self, nuisance: dict[str, tuple[float, float]], wanted: list[str], products=None):
-        """What the nuisances cannot absorb: score u (w,), information I (w, w) and its raw diagonal (w,)."""
-        N, b, _, _ = products or self.total()
+    def projected(
+        self, nuisance: Priors, wanted: list[ParameterId], equations: NormalEquations | None = None
+    ) -> Projection:
+        """What the nuisances cannot absorb of the columns `wanted`."""
+        total = equations or self.total()
+        N, b = total.matrix, total.right
         at = [self.index[n] for n in nuisance if n in self.index]
         sd = np.array([nuisance[n][1] for n in nuisance if n in self.index])
         mean = np.array([nuisance[n][0] for n in nuisance if n in self.index])
@@ -133,14 +171,15 @@ class System:
         solved = cho_solve(factor, cross)
         raw = N[np.ix_(own, own)]
         u = b[own] - solved.T @ (sd * b[at] + mean / sd)
-        return u, raw - cross.T @ solved, np.diag(raw)
+        return Projection(u, raw - cross.T @ solved, np.diag(raw))
 
 
-def residual(block: Block, solution: Solution) -> np.ndarray:
+def residual(block: Block, solution: Solution) -> Array:
     """What is left of a block's data (n,), in sigma."""
     found = solution.as_dict()
     k = block.C.shape[1]
     d = np.zeros(k + block.F.shape[1])
     for name, column in block.names:
         d[column] += found.get(name, 0.0)
-    return block.r - block.C @ d[:k] - block.F @ d[k:]
+    left: Array = block.r - block.C @ d[:k] - block.F @ d[k:]
+    return left

@@ -1,30 +1,35 @@
-"""One condition seen at one point: what cameras and load cells would show, and what every parameter would change.
+"""One condition predicted at one point: what cameras and load cells would show, and what every parameter would change.
 
-A `Task` is all that a worker needs; a `Look` is what comes back.  Nothing here knows the measured values.
+A `Task` is all that a worker needs; a `Prediction` is what comes back.  Nothing here knows the measured values.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from flashtemp.camera.observation import observe
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
-from flashtemp.discovery.generic import with_mode, with_scatter
-from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, believed
-from flashtemp.model import case as cases
+from flashtemp.discovery.deviations import with_mode, with_scatter
+from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
+from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.model.case import Case, load
 from flashtemp.model.scene import Acting, Scene
-from flashtemp.model.schema import declared
-from flashtemp.physics.effect import Effect, catalogue
+from flashtemp.physics.effect import Effect, Param
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Move, Neighbourhood, explore
 
+Array = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+Columns = dict[ParameterId, Array]
 STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
 LAG = 0.02  # s: step of what moves frames in time
@@ -32,11 +37,11 @@ DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole s
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Which traces to compute besides those of the model's own parameters: `scatter` of friction per
-    repetition, pressure `modes` (and their `trends`), `candidates`."""
+class Derivatives:
+    """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
+    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics`."""
 
-    own: tuple[str, ...] = ()
+    own: tuple[ParameterId, ...] = ()
     scatter: bool = False
     modes: int = 0
     trends: bool = False
@@ -46,7 +51,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Task:
-    """One condition at one point: `case` file with overrides `given` and `pins` of the mesh."""
+    """One condition at one point: `case` file with overrides `given` and `pins` of the mesh; `trust` its effect files."""
 
     case: Path
     given: dict[str, Any]
@@ -54,180 +59,197 @@ class Task:
     model: Model
     views: tuple[View, ...]
     forces: tuple[Force, ...]
-    wanted: Wanted = field(default_factory=Wanted)
-    shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
+    derivatives: Derivatives = field(default_factory=Derivatives)
+    trust: bool = False
 
 
 @dataclass(frozen=True)
-class Sight:
-    """A recording or trace predicted: `predicted` as measured (frames, nv, nu) or (n,), `inside` what may be compared.
+class Observable:
+    """A recording or trace as predicted: `values` (frames, nv, nu) or (n,), `inside` what may be compared.
 
-    `columns` {name: change per unit of its parameter}, of the pixels inside (frames, pixels) or (n,).
+    `columns` change per unit of each parameter, of the pixels inside (frames, pixels) or (n,).
     """
 
-    predicted: np.ndarray
-    inside: np.ndarray
-    columns: dict[str, np.ndarray]
+    values: Array
+    inside: npt.NDArray[np.bool_]
+    columns: dict[ParameterId, Single]
 
 
 @dataclass(frozen=True)
-class Look:
-    """What a condition shows at a point, by file; `run` without its fields, for pictures and audits."""
+class Prediction:
+    """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits."""
 
-    sights: dict[str, Sight]
+    observables: dict[str, Observable]
     run: Run
-    steps: dict[str, float]
+    steps: dict[ParameterId, float]
 
 
-def look(task: Task) -> Look:
-    """Simulate a condition at a point with everything wanted beside it.  Raises BadInput, SolverFailure."""
-    case = believed(task.case, task.given | task.pins, task.model)
-    scene = cases.build(case)
+@dataclass(frozen=True)
+class Point:
+    """The scene of a task at its point, with what its neighbours are made from."""
+
+    task: Task
+    case: Case  # without what the model changes
+    scene: Scene
+
+    def neighbour(self, model: Model) -> Scene:
+        """The scene with another model on the same case."""
+        return model.on(self.case).scene
+
+    def param(self, p: ParameterId) -> Param:
+        """What is declared of a parameter of an effect."""
+        return self.case.known[p.effect].params()[p.name]
+
+    def step(self, p: ParameterId) -> float:
+        """Of a parameter of an effect that the model holds already, away from the nearer bound."""
+        param, now = self.param(p), self.task.model.value(p)
+        size = abs(param.value - param.off) if param.off is not None else abs(now)
+        step = SHARE * float(size or 1.0)
+        return -step if now + step > param.high else step
+
+    def acting(self, effect: str, values: dict[str, float]) -> Acting:
+        return Acting(effect, self.case.known[effect](), SimpleNamespace(**values))
+
+
+def predict(task: Task) -> Prediction:
+    """Simulate a condition at a point with all derivatives asked for.  Raises BadInput, SolverFailure."""
+    base = load(task.case, task.given | task.pins, trust=task.trust)
+    case = task.model.on(base)
+    scene = case.scene
     for view in task.views:
         check(view, scene)
-    moves = _moves(task, case, scene)
+    point = Point(task, base, scene)
+    moves = dict(_moves(point))
     frames = moments(task.views, scene)
-    early = tuple(t - LAG for t in frames if t > LAG) if task.wanted.candidates else ()
-    settings = replace(cases.settings(case), times=tuple(sorted({*frames, *early})), fields=2)
+    early = tuple(t - LAG for t in frames if t > LAG) if task.derivatives.candidates else ()
+    settings = replace(case.settings, times=tuple(sorted({*frames, *early})), fields=2)
     if moves:
-        hood = explore(scene, settings, moves, case.title, frames, bool(task.forces))
+        near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
     else:
-        run = march(scene, settings, case.title)
-        hood = Neighbourhood(run, None, {}, {})
-    sights: dict[str, Sight] = {}
-    for view in task.views:
-        sights[view.file] = _view(task, view, scene, hood, moves)
-    for force in task.forces:
-        sights[force.file] = _force(force, hood, moves)
-    thin = replace(hood.run, field=hood.run.field[:0], frames=hood.run.frames[:0])
-    return Look(sights, thin, {k: m.step for k, m in moves.items()})
+        near = Neighbourhood(march(scene, settings, case.title), None, {}, {})
+    shown = {view.file: _view(point, view, near, moves) for view in task.views}
+    shown |= {force.file: _force(force, near) for force in task.forces}
+    thin = replace(near.run, field=near.run.field[:0], frames=near.run.frames[:0])
+    return Prediction(shown, thin, {k: m.step for k, m in moves.items()})
 
 
-def _moves(task: Task, case, scene: Scene) -> dict[str, Move]:
-    """Neighbouring scenes of everything that is wanted and acts on heat."""
-    wanted, moves = task.wanted, {}
-
-    def built(model: Model) -> Scene:
-        return cases.build(believed(task.case, task.given | task.pins, model))
-
-    for name in wanted.own:
-        if name in task.model.free:
-            step = -FREE if case[name] * np.exp(FREE) > _highest(name) else FREE
-            moves[name] = Move(built(task.model.moved(name, step)), step)
-        elif catalogue()[name.split(".")[0]].heat is not Effect.heat:
-            moves[name] = _own(task, built, name)
-    if wanted.scatter:
-        for r in range(2, scene.schedule.repetitions + 1):
-            begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
-            moves[f"scatter:{r}"] = Move(with_scatter(scene, r, SCATTER), SCATTER, begin)
-        moves["scatter:1"] = Move(with_scatter(scene, 1, SCATTER), SCATTER)
-    for n in range(1, wanted.modes + 1):
-        moves[f"mode:{n}"] = Move(with_mode(scene, n, MODE), MODE)
-        if wanted.trends and scene.schedule.repetitions > 1:
-            moves[f"trend:{n}"] = Move(with_mode(scene, n, MODE, True), MODE)
-    for c in wanted.candidates:
-        if c.optical:
-            continue
-        for number in range(len(c.variants)):
-            for k, a in c.strengths.items():
-                off, step = c.off(number), a if c.kind.params()[k].curved else SHARE * a
-                moves[c.column(k, number)] = Move(
-                    built(task.model.with_effect(c.effect, off | {k: off[k] + step})), step
-                )
-    return moves
+# --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
+def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+    asked = point.task.derivatives
+    yield from (pair for p in asked.own for pair in _own(point, p))
+    if asked.scatter:
+        yield from _scatter(point.scene)
+    yield from _modes(point.scene, asked.modes, asked.trends)
+    for c in asked.candidates:
+        if not c.optical:
+            yield from _strengths(point, c)
 
 
-def _highest(key: str) -> float:
-    """Upper bound of a key of the case."""
-    table, name = key.rsplit(".", 1)
-    return declared(table)[name].high
+def _own(point: Point, p: ParameterId) -> Iterator[tuple[ParameterId, Move]]:
+    """A free key, or a parameter of an effect that the model holds already."""
+    model = point.task.model
+    if p.kind is Kind.KEY:
+        now = model.overrides(point.case)[p.name]
+        step = -FREE if now * np.exp(FREE) > declaration(point.case, p.name).high else FREE
+    elif point.case.known[p.effect].heat is not Effect.heat:
+        step = point.step(p)
+    else:
+        return
+    yield p, Move(point.neighbour(model.moved(p, step)), step)
 
 
-def _own(task: Task, built, name: str) -> Move:
-    """A parameter of an effect that the model holds already, moved away from the nearer bound."""
-    effect, k = name.split(".")
-    param, now = catalogue()[effect].params()[k], task.model.effects[effect][k]
-    size = abs(param.value - param.off) if param.off is not None else abs(now)
-    step = SHARE * (size or 1.0)
-    if now + step > param.high:
-        step = -step
-    return Move(built(task.model.moved(name, step)), step)
+def _scatter(scene: Scene) -> Iterator[tuple[ParameterId, Move]]:
+    """Friction of each repetition; nothing differs before it begins."""
+    for r in range(2, scene.schedule.repetitions + 1):
+        begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
+        yield ParameterId(Kind.SCATTER, (r,)), Move(with_scatter(scene, r, SCATTER), SCATTER, begin)
+    yield ParameterId(Kind.SCATTER, (1,)), Move(with_scatter(scene, 1, SCATTER), SCATTER)
 
 
-def _view(task: Task, view: View, scene: Scene, hood: Neighbourhood, moves) -> Sight:
-    recording, acting = view.recording, scene.acting
-    shift = task.shifts.get(view.file, (0.0, 0.0))
+def _modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Move]]:
+    for n in range(1, modes + 1):
+        yield ParameterId(Kind.MODE, (n,)), Move(with_mode(scene, n, MODE), MODE)
+        if trends and scene.schedule.repetitions > 1:
+            yield ParameterId(Kind.TREND, (n,)), Move(with_mode(scene, n, MODE, True), MODE)
 
-    def see(run, scene=scene, acting=acting, recording=recording, shift=shift, change=0.0):
+
+def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]:
+    for number in range(len(c.variants)):
+        off = c.off(number)
+        for k, a in c.strengths.items():
+            step = a if c.params[k].curved else SHARE * a
+            moved = point.task.model.with_effect(c.effect, off | {k: off[k] + step})
+            yield c.column(k, number), Move(point.neighbour(moved), step)
+
+
+# --- what instruments show ------------------------------------------------------------------------------------
+def _view(point: Point, view: View, near: Neighbourhood, moves: dict[ParameterId, Move]) -> Observable:
+    recording, scene, asked = view.recording, point.scene, point.task.derivatives
+    shift = point.task.model.shift(view.file)
+
+    def see(
+        run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
+        shift: Any = shift, change: Any = 0.0,
+    ) -> Array:  # fmt: skip
         return observe(run, scene, recording, acting, shift, change).temperature
 
-    seen = observe(hood.run, scene, recording, acting, shift)
-    columns: dict[str, np.ndarray] = {}
-    level = see(hood.level) if moves else None
+    seen = observe(near.run, scene, recording, scene.acting, shift)
+    columns: Columns = {}
+    level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
-        columns[name] = (see(hood.moved[name], move.scene, move.scene.acting) - level) / move.step
-    for c in task.wanted.candidates:
+        columns[name] = (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step
+    for c in asked.candidates:
         if c.optical:
             for k, a in c.strengths.items():
-                columns[c.column(k)] = _optical(see, hood.run, scene, c, k, a, seen.temperature)
-    for name in task.wanted.own:
-        if name not in columns and "." in name and name.split(".")[0] in task.model.effects:
-            columns[name] = _refined(task, see, hood.run, scene, name, seen.temperature)
-    if task.wanted.optics:
-        columns |= _optics(see, hood.run, recording, shift)
-    return Sight(seen.temperature, seen.inside, {k: packed(v, seen.inside) for k, v in columns.items()})
+                columns[c.column(k)] = _optical(point, see, c, k, a, seen.temperature)
+    for p in asked.own:
+        if p.kind is Kind.EFFECT and p not in columns:
+            columns[p] = _refined(point, see, p, seen.temperature)
+    if asked.optics:
+        columns |= _optics(see, recording, shift)
+    return Observable(seen.temperature, seen.inside, {k: packed(v, seen.inside) for k, v in columns.items()})
 
 
-def packed(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def packed(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
     """Images (frames, nv, nu) as (frames, pixels inside), in single precision."""
     return values[:, inside].astype(np.float32)
 
 
-def _acting(effect: str, values: dict[str, float]) -> Acting:
-    return Acting(effect, catalogue()[effect](), SimpleNamespace(**values))
-
-
-def _optical(see, run, scene, c: Candidate, k: str, a: float, plain) -> np.ndarray:
+def _optical(point: Point, see: Callable[..., Array], c: Candidate, k: str, a: float, plain: Array) -> Array:
     """Trace of an effect in the camera; with its whole strength where it is flat at off."""
+    off = c.off()
     for share in (SHARE, 1.0):
         step = share * a
-        with_it = (*scene.acting, _acting(c.effect, c.off() | {k: c.off()[k] + step}))
-        slope = (see(run, acting=with_it) - plain) / step
+        slope = (see(acting=(*point.scene.acting, point.acting(c.effect, off | {k: off[k] + step}))) - plain) / step
         if np.nanmax(np.abs(slope)) * abs(a) > DULL:
             break
     return slope
 
 
-def _refined(task: Task, see, run, scene, name: str, plain) -> np.ndarray:
+def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Array) -> Array:
     """Trace of a parameter of an effect in the camera that the model holds already."""
-    effect, k = name.split(".")
-    param, now = catalogue()[effect].params()[k], task.model.effects[effect][k]
-    step = SHARE * (abs(param.value - param.off) if param.off is not None else abs(now)) or SHARE
-    if now + step > param.high:
-        step = -step
-    others = tuple(a for a in scene.acting if a.name != effect)
-    moved = (*others, _acting(effect, task.model.effects[effect] | {k: now + step}))
-    return (see(run, acting=moved) - plain) / step
+    step, model = point.step(p), point.task.model
+    others = tuple(a for a in point.scene.acting if a.name != p.effect)
+    moved = point.acting(p.effect, model.effects[p.effect] | {p.name: model.value(p) + step})
+    return (see(acting=(*others, moved)) - plain) / step
 
 
-def _optics(see, run, recording, shift) -> dict[str, np.ndarray]:
+def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float]) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), gain, point spread (relative)."""
-    out = {}
+    out: Columns = {}
     for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
         if n > 1 and recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
             moved = np.array(shift) + 1j * STEP * np.eye(2)[axis]
-            out[f"shift_{'uv'[axis]}"] = see(run, shift=moved).imag / STEP
+            out[ParameterId(SHIFTS[axis])] = see(shift=moved).imag / STEP
     if recording.view != "profile":
-        out["gain"] = see(run, change=1j * STEP).imag / STEP
+        out[ParameterId(Kind.GAIN)] = see(change=1j * STEP).imag / STEP
     if recording.psf_sigma_px:
         wide = replace(recording, psf_sigma_px=recording.psf_sigma_px * 1.01)
-        out["spread"] = (see(run, recording=wide) - see(run)) / 0.01
+        out[ParameterId(Kind.SPREAD)] = (see(recording=wide) - see()) / 0.01
     return out
 
 
-def _force(force: Force, hood: Neighbourhood, moves) -> Sight:
-    on, predicted = grip(hood.run, force)
-    columns = {}
-    for name in moves:
-        columns[name] = hood.slope(lambda run: grip(run, force)[1], name)
-    return Sight(predicted, on, {k: v.astype(np.float32) for k, v in columns.items()})
+def _force(force: Force, near: Neighbourhood) -> Observable:
+    on, predicted = grip(near.run, force)
+    columns = {name: near.slope(lambda run: grip(run, force)[1], name) for name in near.moved}
+    return Observable(predicted, on, {k: v.astype(np.float32) for k, v in columns.items()})

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Fit, Study, solved
+from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import Candidate
+from flashtemp.discovery.linear_gaussian import Array, NormalEquations
+from flashtemp.discovery.parameters import ParameterId, Priors
+from flashtemp.discovery.problem import Problem
 
 NOTHING = 1e-3  # z of a signature of typical strength below which an effect does nothing here
+SLACK = 1e-12  # beyond a bound that is rounding
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,12 @@ class Score:
     free: dict[str, float]
     reason: str = ""
 
+    @classmethod
+    def none(cls, candidate: Candidate, variant: int, seen: float, reason: str) -> Score:
+        """Of a candidate that cannot be told from nothing."""
+        zero = (0.0,) * len(candidate.strengths)
+        return cls(candidate, variant, 0.0, zero, zero, 0.0, seen, 0.0, {}, reason)
+
     @property
     def effect(self) -> str:
         return self.candidate.effect
@@ -40,51 +51,73 @@ class Score:
         return off | {k: off[k] + a for k, a in zip(self.candidate.strengths, self.amplitude, strict=True)}
 
 
-def scores(study: Study, fit: Fit, tried: list[Candidate]) -> list[Score]:
-    """All candidates at a fit whose looks hold their traces, best first."""
-    products = fit.system.total()
-    own = {n: v for n, v in fit.priors.items() if n not in fit.bound}
-    more = {n: v for n, v in own.items() if n.split(".")[0] in fit.model.effects}
-    base, _, _ = solved(study, fit.system, fit.model, fit.shifts, more, products)
+@dataclass(frozen=True)
+class Base:
+    """What candidates are scored against: a fit whose predictions hold their traces, and its own evidence."""
+
+    problem: Problem
+    fit: Fit
+    equations: NormalEquations
+    ln_evidence: float
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit) -> Base:
+        equations = fit.system.total()
+        own = fit.solved(problem, _effects(fit), equations)
+        return cls(problem, fit, equations, own.solution.ln_evidence)
+
+
+def _effects(fit: Fit) -> Priors:
+    """Priors of the parameters of effects that the model holds, but for those on a bound."""
+    return {p: v for p, v in fit.effects.items() if p not in fit.bound}
+
+
+def scores(problem: Problem, fit: Fit, tried: Sequence[Candidate]) -> tuple[Score, ...]:
+    """All candidates at a fit whose predictions hold their traces, best first."""
+    base = Base.of(problem, fit)
     out = []
     for c in tried:
         if c.effect not in fit.model.effects:
-            found = [_score(study, fit, c, v, own, more, base.ln_evidence, products) for v in range(len(c.variants))]
+            found = [_score(base, c, v) for v in range(len(c.variants))]
             out.append(max(found, key=lambda s: s.ln_bayes))
-    return sorted(out, key=lambda s: -s.ln_bayes)
+    return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
 
-def _score(study, fit, c: Candidate, variant: int, own, more, base: float, products) -> Score:
-    names = c.columns(variant)
-    params, off = c.kind.params(), c.off(variant)
+def _score(base: Base, c: Candidate, variant: int) -> Score:
+    names, fit = c.columns(variant), base.fit
     if any(n not in fit.system.index for n in names):
-        none = (0.0,) * len(names)
-        return Score(c, variant, 0.0, none, none, 0.0, 0.0, 0.0, {}, "nothing that was measured could show it")
-    priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
-    u, info, raw = fit.system.projected(own, names, products)
+        return Score.none(c, variant, 0.0, "nothing that was measured could show it")
+    found = fit.system.projected(fit.nuisances, names, base.equations)
+    info, u = found.information, found.score
     sd = np.array([abs(a) for a in c.strengths.values()])
     seen = float(np.sqrt(max(np.max(sd**2 * np.diag(info)), 0.0)))
-    share = float(np.max(np.diag(info) / np.maximum(raw, 1e-300)))
-    none = (0.0,) * len(names)
     if seen < NOTHING or not np.all(np.isfinite(info)):
-        return Score(c, variant, 0.0, none, none, 0.0, seen, 0.0, {}, "does nothing under these conditions")
-    solution, _, _ = solved(study, fit.system, fit.model, fit.shifts, more | priors, products)
-    amplitude = tuple(solution[n] for n in names)
-    errors = tuple(solution.sd(n) for n in names)
-    z = float(np.sqrt(max(u @ np.linalg.pinv(info, hermitian=True) @ u, 0.0)))
-    gain = solution.ln_evidence - base - (np.log(len(c.variants)) if len(c.variants) > 1 else 0.0)
-    free = {k: solution[k] for k in study.priors if k in solution.names}
+        return Score.none(c, variant, seen, "does nothing under these conditions")
+    priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
+    solution = fit.solved(base.problem, _effects(fit) | priors, base.equations).solution
+    amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
+    z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
+    gain = solution.ln_evidence - base.ln_evidence - (np.log(len(c.variants)) if len(c.variants) > 1 else 0.0)
+    reason = _impossible(c, variant, amplitude)
+    return Score(
+        candidate=c, variant=variant, ln_bayes=float(min(gain, 0.0) if reason else gain), amplitude=amplitude,
+        sd=errors, z=z, seen=seen, raw_share=float(np.max(np.diag(info) / np.maximum(found.raw, 1e-300))),
+        free={p.name: solution[p] for p in base.problem.free if p in solution.names}, reason=reason,
+    )  # fmt: skip
+
+
+def _impossible(c: Candidate, variant: int, amplitude: tuple[float, ...]) -> str:
+    """Why no strength of a candidate can have its amplitude; empty where one can."""
+    off = c.off(variant)
     wrong = [
         k
         for k, a in zip(c.strengths, amplitude, strict=True)
-        if not params[k].low - 1e-12 <= off[k] + a <= params[k].high + 1e-12
+        if not c.params[k].low - SLACK <= off[k] + a <= c.params[k].high + SLACK
     ]
-    reason = ""
-    if len(wrong) == len(names):
-        sign = "below" if off[wrong[0]] + amplitude[0] < params[wrong[0]].low else "above"
-        reason = f"would need {wrong[0]} {sign} what is possible"
-        gain = min(gain, 0.0)
-    return Score(c, variant, float(gain), amplitude, errors, z, seen, share, free, reason)
+    if len(wrong) < len(amplitude):
+        return ""
+    sign = "below" if off[wrong[0]] + amplitude[0] < c.params[wrong[0]].low else "above"
+    return f"would need {wrong[0]} {sign} what is possible"
 
 
 @dataclass(frozen=True)
@@ -92,8 +125,8 @@ class Separability:
     """Projected signatures of candidates: correlation `rho` (n, n) and `z` (n,) of their typical strengths."""
 
     names: tuple[str, ...]
-    rho: np.ndarray
-    z: np.ndarray
+    rho: Array
+    z: Array
 
     def distinctness(self, name: str) -> float:
         """Share of a signature that no single rival can imitate: sqrt(1 - max rho^2)."""
@@ -111,46 +144,50 @@ class Separability:
         return self.names[j], float(self.rho[i, j])
 
 
-def separability(fit: Fit, tried: list[Candidate], products=None) -> Separability:
+def separability(fit: Fit, tried: Sequence[Candidate]) -> Separability:
     """Correlations of what the nuisances leave of the candidates' signatures, one column each."""
-    names = [c.column(next(iter(c.strengths))) for c in tried]
-    names = [n for n in names if n in fit.system.index]
-    own = {n: v for n, v in fit.priors.items() if n not in fit.bound}
-    _, info, _ = fit.system.projected(own, names, products)
-    sizes = {c.column(next(iter(c.strengths))): abs(next(iter(c.strengths.values()))) for c in tried}
-    sd = np.array([sizes[n] for n in names])
+    sizes: dict[ParameterId, float] = {}
+    for c in tried:
+        k, a = c.first
+        if c.column(k) in fit.system.index:
+            sizes[c.column(k)] = abs(a)
+    info = fit.system.projected(fit.nuisances, list(sizes)).information
+    sd = np.array(list(sizes.values()))
     z = np.sqrt(np.maximum(np.diag(info), 0.0)) * sd
     good = z > NOTHING
     norm = np.sqrt(np.maximum(np.diag(info), 1e-300))
     rho = np.where(np.outer(good, good), info / np.outer(norm, norm), 0.0)
     np.fill_diagonal(rho, 1.0)
-    return Separability(tuple(n.split(".")[0] for n in names), rho, z)
+    return Separability(tuple(p.effect for p in sizes), rho, z)
 
 
-def pairs(study: Study, fit: Fit, ranked: list[Score], most: int = 12) -> list[tuple[float, Score, Score]]:
-    """Evidence of two effects together, from their traces, for the candidates with the largest z; best first."""
-    products = fit.system.total()
-    own = {n: v for n, v in fit.priors.items() if n not in fit.bound}
-    more = {n: v for n, v in own.items() if n.split(".")[0] in fit.model.effects}
-    base, _, _ = solved(study, fit.system, fit.model, fit.shifts, more, products)
+@dataclass(frozen=True)
+class Pair:
+    """Two candidates together, and `ln_bayes` of their traces against the model without both."""
+
+    ln_bayes: float
+    scores: tuple[Score, Score]
+
+
+def pairs(problem: Problem, fit: Fit, ranked: Sequence[Score], most: int = 12) -> list[Pair]:
+    """Two effects together, for the candidates with the largest z; best first."""
+    base = Base.of(problem, fit)
     best = sorted((s for s in ranked if s.seen > 1.0), key=lambda s: -s.z)[:most]
     out = []
     for i, a in enumerate(best):
         for b in best[i + 1 :]:
-            both = [
-                (s, n, abs(v))
-                for s in (a, b)
-                for n, v in zip(s.candidate.columns(s.variant), s.candidate.strengths.values(), strict=True)
-            ]
-            solution, _, _ = solved(
-                study, fit.system, fit.model, fit.shifts, more | {n: (0.0, v) for _, n, v in both}, products
-            )
-            if all(_possible(s, n, solution[n]) for s, n, _ in both):
-                out.append((solution.ln_evidence - base.ln_evidence, a, b))
-    return sorted(out, key=lambda p: -p[0])
+            more = {n: (0.0, abs(v)) for s in (a, b) for n, v in _traces(s).items()}
+            solution = fit.solved(problem, _effects(fit) | more, base.equations).solution
+            if all(_possible(s, n, solution[n]) for s in (a, b) for n in _traces(s)):
+                out.append(Pair(solution.ln_evidence - base.ln_evidence, (a, b)))
+    return sorted(out, key=lambda p: -p.ln_bayes)
 
 
-def _possible(s: Score, column: str, amplitude: float) -> bool:
-    k = column.split(".")[1].split("@")[0]
-    param = s.candidate.kind.params()[k]
-    return param.low - 1e-12 <= param.off + amplitude <= param.high + 1e-12
+def _traces(s: Score) -> dict[ParameterId, float]:
+    """Columns of a candidate in its best variant, with its typical strengths."""
+    return dict(zip(s.candidate.columns(s.variant), s.candidate.strengths.values(), strict=True))
+
+
+def _possible(s: Score, p: ParameterId, amplitude: float) -> bool:
+    param = s.candidate.params[p.name]
+    return param.low - SLACK <= (param.off or 0.0) + amplitude <= param.high + SLACK

@@ -6,9 +6,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from flashtemp.comparison.compare import Pulling, Seeing
 
+Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
 KINDS = ("named", "weak", "group", "none_needed", "unexplained", "no_verdict")
 
@@ -26,12 +28,20 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class OwnValue:
+    """A parameter as one condition alone would have it; the condition in words."""
+
+    condition: str
+    value: float
+    stderr: float
+
+
+@dataclass(frozen=True)
 class Cause:
     """An accepted effect: `ln_bayes` against the model without it, `delta_chi2`, `held_out_gain` in ln probability of
     all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
     signal to noise after projection, `raw_share` the share of its signal that calibration cannot absorb;
-    `per_condition` (condition, value, stderr) of its first parameter, `consistent` the probability of so
-    much scatter between conditions.
+    `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them.
     """
 
     effect: str
@@ -43,7 +53,7 @@ class Cause:
     ln_bayes: float = 0.0
     z: float = 0.0
     raw_share: float = 0.0
-    per_condition: tuple[tuple[str, float, float], ...] = ()
+    per_condition: tuple[OwnValue, ...] = ()
     consistent: float = 1.0
 
 
@@ -102,13 +112,13 @@ class Missing:
     """
 
     condition: str
-    x: np.ndarray
-    repetition: np.ndarray
-    flux: np.ndarray
-    flux_sd: np.ndarray
-    pressure: np.ndarray
-    pressure_sd: np.ndarray
-    resolution: np.ndarray
+    x: Array
+    repetition: Array
+    flux: Array
+    flux_sd: Array
+    pressure: Array
+    pressure_sd: Array
+    resolution: Array
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,7 @@ class Verdict:
     nuisance: tuple[Pull, ...] = ()
     tests: tuple[Test, ...] = ()
     missing: tuple[Missing, ...] = ()
-    separability: tuple[tuple[str, ...], np.ndarray] | None = None
+    separability: tuple[tuple[str, ...], Array] | None = None
     shifts: tuple[tuple[str, float, float, float], ...] = ()  # free parameter, before, after, standard error
     before: tuple[Seeing, ...] = ()
     after: tuple[Seeing, ...] = ()
@@ -157,7 +167,7 @@ class Verdict:
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""
 
-        def fitness(f: Fitness | None) -> dict | None:
+        def fitness(f: Fitness | None) -> dict[str, Any] | None:
             return None if f is None else asdict(f)
 
         return {
@@ -199,5 +209,5 @@ def _cause(c: Cause) -> dict[str, Any]:
         p.name: {"value": p.value, "stderr": p.stderr, "ci95": list(p.ci95), "unit": p.unit, "at_bound": p.bound}
         for p in c.parameters
     }
-    out["per_condition"] = [{"condition": n, "value": v, "stderr": s} for n, v, s in c.per_condition]
+    out["per_condition"] = list(out["per_condition"])
     return out

@@ -1,0 +1,84 @@
+"""Nuisances that no laboratory knows better: what calibration may move besides free keys, and how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.prediction import Observable, Single, packed
+from flashtemp.discovery.problem import Problem
+
+MODES = 6  # cosines of the pressure along the block
+GROUPS = {  # standard deviations, by the kind of nuisance
+    Kind.SCATTER: 0.01,  # of friction from repetition to repetition
+    Kind.LEVEL: 0.02,  # of friction from condition to condition
+    Kind.GAIN: 0.01,  # what a view takes the radiance times
+    Kind.SPREAD: 0.05,  # relative width of the optics
+    Kind.MAP: 0.003,  # gain along and up a view
+    Kind.WALL: 0.01,  # what the wall is cooler than the section behind it
+    Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
+    Kind.CELL: 0.005,  # gain of the load cell
+}
+MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
+MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
+LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
+MOST = 3.0
+FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
+PLAIN = frozenset(  # what everybody would calibrate
+    {Kind.KEY, *SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.LEVEL, Kind.CELL, Kind.MESH}
+)
+WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
+
+
+def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model, scale: float = 1.0) -> Priors:
+    """(mean, standard deviation) of everything that calibration may move, seen from a point; `scale` of what is
+    small and unknown in shape."""
+    out: Priors = {}
+    free = problem.priors
+    known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
+    for p in names:
+        if p in free:
+            out[p] = (-model.free[p.name], free[p])
+        elif p.kind in SHIFTS:
+            out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
+        elif p.kind in (Kind.MODE, Kind.TREND):
+            out[p] = (0.0, scale * MODE / p.index[0])
+        elif p.kind in GROUPS:
+            out[p] = (0.0, GROUPS[p.kind] * (min(scale, MOST) if p.kind in LARGER else 1.0))
+    return out
+
+
+def plain(priors: Priors) -> Priors:
+    """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition."""
+    return {p: v for p, v in priors.items() if p.kind in PLAIN}
+
+
+def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
+    """Priors of heat of any shape along the block, per condition and growing over the repetitions."""
+    return {p: (0.0, FLUX / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
+
+
+def smooth_images(view: View, seen: Observable) -> dict[ParameterId, Single]:
+    """Smooth maps that a camera may see and no run explains: gain along a view, and the wall's own cooling."""
+    r = view.recording
+    rise = seen.values - (r.reflected_degC or float(np.nanmin(seen.values)))
+    x, y = _unit(r.u), _unit(r.v)
+    out = {}
+    for m, n in MAPS:
+        if n and len(r.v) == 1:
+            continue
+        out[ParameterId(Kind.MAP, (m, n))] = rise * np.cos(n * np.pi * y)[:, None] * np.cos(m * np.pi * x)
+    if r.view == "sidewall":
+        for k, depth in enumerate(WALLS):
+            out[ParameterId(Kind.WALL, (k,))] = rise * np.exp(-np.maximum(r.v, 0.0) / depth)[:, None]
+    return {k: packed(values, seen.inside) for k, values in out.items()}
+
+
+def _unit(centres: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Centres of pixels from 0 to 1."""
+    return (centres - centres[0]) / max(centres[-1] - centres[0], 1e-12) if len(centres) > 1 else np.zeros(1)

@@ -21,7 +21,6 @@ from flashtemp.model.case import Case
 from flashtemp.model.numerics import available, choose
 from flashtemp.model.schema import declared, refinement
 from flashtemp.physics import own_effects
-from flashtemp.physics.effect import catalogue
 from flashtemp.runs.folders import whole
 from flashtemp.solver.march import march
 
@@ -211,8 +210,3 @@ def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list
     files.append(f"{name}_mu.csv")
     np.savetxt(work / files[-1], np.column_stack([t, mu]), delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
     return files, faults
-
-
-def hideable() -> list[str]:
-    """Names of the effects that can be hidden."""
-    return [n for n, e in catalogue().items() if not e.base]

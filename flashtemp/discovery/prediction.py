@@ -51,7 +51,10 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class Task:
-    """One condition at one point: `case` file with overrides `given` and `pins` of the mesh; `trust` its effect files."""
+    """One condition at one point: `case` file with overrides `given` and `pins` of the mesh.
+
+    `trust`: effect files of the case run whose ever they are.
+    """
 
     case: Path
     given: dict[str, Any]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from itertools import pairwise
 from math import log2
 from pathlib import Path
@@ -120,3 +122,19 @@ def case(**given):
 def lab():
     """Everything above, for tests that cannot import from here."""
     return SimpleNamespace(**globals())
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """With --durations also the seconds of every area of CONTRIBUTING.md, summed over processes."""
+    if config.getoption("durations") is None:
+        return
+    seconds = Counter()
+    for report in (
+        r for kind in ("passed", "failed", "error", "skipped", "") for r in terminalreporter.getreports(kind)
+    ):
+        seconds[Path(report.fspath).stem] += report.duration
+    terminalreporter.section("seconds of every area")
+    for row in (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines():
+        if found := re.findall(r"`(test_\w+)`", row if row.startswith("|") else ""):
+            parts = ", ".join(f"{n} {seconds[n]:.0f}" for n in found)
+            terminalreporter.line(f"{sum(seconds[n] for n in found):6.0f}  {row.split('|')[1].strip()}: {parts}")

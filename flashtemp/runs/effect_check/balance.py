@@ -63,7 +63,7 @@ def acts(bench: Bench, trial: Trial) -> Finding:
         if change > SHOWS:
             return Finding("acts", True, f"at its defaults it changes temperatures by up to {change:.2g} K")
         if on.worn[-1].any() and not base.worn[-1].any():
-            return Finding("acts", True, "at its defaults it wears the block")
+            return Finding("acts", True, "at its defaults the block is worn")
         most = max(most, change)
     by = "changes nothing" if most == 0 else f"changes temperatures by no more than {most:.1g} K"
     return Finding(
@@ -175,7 +175,7 @@ def jacobian(bench: Bench, trial: Trial | None, shape: str) -> Finding:
 
 
 def linearisation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
-    """What the solver takes for J v is J v, but for the slope of k(T) and of wear: those by little."""
+    """What the solver takes for J v is J v, but for the slope of k(T) and of abrasion: those by little."""
     worst = 0.0
     for balance, stage, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
         bent = balance.nonlinear_conductivity or balance.abrades  # lanes and gaps follow the mean contact fraction

@@ -5,11 +5,11 @@ from __future__ import annotations
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect
 from flashtemp.runs.effect_check import balance, camera, laws, source
-from flashtemp.runs.effect_check.findings import Finding
+from flashtemp.runs.effect_check.findings import Finding, judged
 from flashtemp.runs.effect_check.scenes import Bench, Trial
 
 FILE = (source.file, source.imports, source.example, source.words, source.parameters)
-RUNS = (balance.off, balance.jacobian, balance.linearisation, balance.conservation, balance.energy)
+RUNS = (balance.jacobian, balance.linearisation, balance.conservation, balance.energy)
 
 
 def examine(trial: Trial, bench: Bench) -> list[Finding]:
@@ -38,7 +38,14 @@ def examine(trial: Trial, bench: Bench) -> list[Finding]:
 def _runs(trial: Trial, bench: Bench) -> list[Finding]:
     """Findings on runs with an effect whose laws are sound."""
     if trial.effect.base:  # the base is not without it
-        return [balance.in_every_shape(check, bench, trial) for check in RUNS[1:]]
-    switched = [RUNS[0]] if trial.off() else []
-    found = [balance.in_every_shape(check, bench, trial) for check in [*switched, *RUNS[1:]]]
-    return [*found, balance.sound("acts", trial, lambda: balance.acts(bench, trial))]
+        return [balance.in_every_shape(check, bench, trial) for check in RUNS]
+    switched = [off(trial, bench)] if trial.off() else []
+    found = [balance.in_every_shape(check, bench, trial) for check in RUNS]
+    return [*switched, *found, balance.sound("acts", trial, lambda: balance.acts(bench, trial))]
+
+
+def off(trial: Trial, bench: Bench) -> Finding:
+    """Whether the run is the base with all parameters off, and if not, which law is to blame."""
+    found = balance.in_every_shape(balance.off, bench, trial)
+    blamed = [] if found.ok else laws.not_off(bench, trial)
+    return judged("off", blamed, "") if blamed else found

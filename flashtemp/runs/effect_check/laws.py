@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
 from flashtemp.model.laws import STEP
 from flashtemp.model.scene import Acting, Scene
-from flashtemp.physics.effect import Deposit, Effect, Param
+from flashtemp.physics.effect import Deposit, Effect, Factor, Param
 from flashtemp.runs.effect_check import remedies
 from flashtemp.runs.effect_check.balance import rich, states
 from flashtemp.runs.effect_check.findings import Finding, judged
@@ -60,8 +61,8 @@ class Question:
 class Overheard(Effect):
     """An effect that notes what its laws are asked."""
 
-    def __init__(self, effect: Effect):
-        self.effect, self.questions = effect, []
+    def __init__(self, effect: Effect, file: Path):
+        self.effect, self.file, self.questions = effect, file, []
         self.base, self.steady = effect.base, effect.steady
 
     def heat(self, scene, p):
@@ -73,7 +74,11 @@ class Overheard(Effect):
         T, now, p, *more = (None, *asked) if film else asked
         calm = _real(now) if now is not None else None
         self.questions.append(Question(number, part, film, _bare(T), calm, tuple(more)))
-        return part.law(*asked)
+        try:
+            return part.law(*asked)
+        except Exception as fault:
+            fault.add_note(remedies.place(self.file, part.law))
+            raise
 
 
 def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespace, Scene]:
@@ -85,7 +90,7 @@ def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespa
     for shape in ("lifted", "3D"):
         scene = bench.scene(trial, values=rich(bench, trial, shape))
         own = next(a for a in scene.acting if a.name == trial.name)
-        note = Overheard(own.effect)
+        note = Overheard(own.effect, trial.file)
         acting = tuple(Acting(a.name, note, a.p) if a is own else a for a in scene.acting)
         for balance, stage, t, y, _ in states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
@@ -113,11 +118,36 @@ def asked(bench: Bench, trial: Trial) -> list[Finding]:
         ("repeatable", _repeats, "every law gives the same answer to the same question"),
         ("pointwise", _pointwise, "every law sees its own point and no other"),
         ("derivatives", _derivatives, "every law passes its derivative on, by complex step as by differences"),
+        ("ends", _ends, "laws stay finite at rest, without pressure, and at every parameter's ends"),
     ):
-        faults = [f for q in questions for f in look(trial, q, p, scene)]
-        found.append(judged(name, list(dict.fromkeys(faults)), good))
-    faults = list(dict.fromkeys(_ends(bench, trial, questions, p, scene)))
-    return [*found, judged("ends", faults, "laws stay finite at rest, without pressure, and at every parameter's ends")]
+        if all(f.ok for f in found[:2]):
+            found.append(judged(name, remedies.once_a_line(look(Laws(bench, trial, questions, p, scene))), good))
+    return found
+
+
+def not_off(bench: Bench, trial: Trial) -> list[str]:
+    """Laws that do something with all parameters off, each with its line and its answer there."""
+    own = trial.own | {k.split(".", 1)[1]: v for k, v in trial.off().items()}
+    questions, _, scene = overheard(bench, trial)
+    acting = acting_of(trial, own, bench.folder)
+    laws, faults = _by_number(acting, scene), []
+    for q in (q for q in questions if q.number in laws):
+        value, neutral = np.asarray(q.ask(acting.p, law=laws[q.number])), 1.0 if isinstance(q.part, Factor) else 0.0
+        if np.any(value != neutral):
+            says = f"{q.named()} is {value.flat[np.argmax(np.abs(value - neutral))]:.6g} with all parameters off"
+            faults.append(f"{remedies.place(trial.file, q.part.law)}: {says}; it is then exactly {neutral:g}")
+    return remedies.once_a_line(faults)
+
+
+@dataclass(frozen=True)
+class Laws:
+    """The questions to the laws of an effect on trial, with the parameters and the scene of its defaults."""
+
+    bench: Bench
+    trial: Trial
+    questions: list[Question]
+    p: SimpleNamespace
+    scene: Scene
 
 
 # --- one law -----------------------------------------------------------------------------------------
@@ -132,104 +162,106 @@ def _tried(trial: Trial, work: Callable[[], Iterator[str]], where: str = "") -> 
         yield remedies.of_exception(trial.file, fault, where)
 
 
-def _answers(trial: Trial, q: Question, p, scene) -> Iterator[str]:
-    def work():
-        value = np.asarray(q.ask(p))
-        at = f"{remedies.place(trial.file, q.part.law)}: {q.named()}"
-        if not np.issubdtype(value.dtype, np.number):
-            yield f"{at} gives {value!r}; give a number"
-        elif q.film and not np.all(np.real(value) >= 0):
-            yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a film carries heat towards what is colder: give >= 0"
-        elif not q.film and not np.all(np.isfinite(value)):
-            yield f"{at} is not finite at its defaults; {remedies.HELD}"
-
-    return _tried(trial, work)
+def _answers(of: Laws) -> Iterator[str]:
+    for q in of.questions:
+        yield from _tried(of.trial, partial(_answer, of, q))
 
 
-def _repeats(trial: Trial, q: Question, p, scene) -> Iterator[str]:
-    def work():
-        first = np.array(q.ask(p))
-        for name in ("T", "local_pressure"):
-            if isinstance(q.value(name), np.ndarray):
-                q.ask(p, **q.with_(name, 1.1 * q.value(name)))
-        if not np.array_equal(first, np.array(q.ask(p)), equal_nan=True):
-            yield (
-                f"{remedies.place(trial.file, q.part.law)}: {q.named()} gives another answer when it is asked again; "
-                "a law keeps nothing and draws no random numbers"
-            )
-
-    return _tried(trial, work)
+def _answer(of: Laws, q: Question) -> Iterator[str]:
+    value = np.asarray(q.ask(of.p))
+    at = f"{remedies.place(of.trial.file, q.part.law)}: {q.named()}"
+    if not np.issubdtype(value.dtype, np.number):
+        yield f"{at} gives {value!r}; give a number"
+    elif q.film and not np.all(np.real(value) >= 0):
+        yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a film carries heat towards what is colder: give >= 0"
+    elif not q.film and not np.all(np.isfinite(value)):
+        yield f"{at} is not finite at its defaults; {remedies.HELD}"
 
 
-def _pointwise(trial: Trial, q: Question, p, scene) -> Iterator[str]:
-    def work():
+def _repeats(of: Laws) -> Iterator[str]:
+    for q in of.questions:
+        yield from _tried(of.trial, partial(_repeat, of, q))
+
+
+def _repeat(of: Laws, q: Question) -> Iterator[str]:
+    first = np.array(q.ask(of.p))
+    for name in ("T", "local_pressure"):
+        if isinstance(q.value(name), np.ndarray):
+            q.ask(of.p, **q.with_(name, 1.1 * q.value(name)))
+    if not np.array_equal(first, np.array(q.ask(of.p)), equal_nan=True):
+        at = remedies.place(of.trial.file, q.part.law)
+        yield f"{at}: {q.named()} answers otherwise when asked again; a law keeps nothing and draws no random numbers"
+
+
+def _pointwise(of: Laws) -> Iterator[str]:
+    for q in of.questions:
         lead = next((q.value(n) for n in ("T", "local_pressure", "spot_fraction") if np.ndim(q.value(n))), None)
-        if lead is None or len(lead) < 2 or getattr(q.part, "target", "") in FREE[:1]:
-            return
-        rng = np.random.default_rng(5)
-        shake = {
-            n: q.value(n) * (1 + 0.05 * rng.uniform(-1, 1, q.value(n).shape)) for n in CARRIED if np.ndim(q.value(n))
-        }
-        T = shake.pop("T", q.T)
-        now = _moved(q.now, **shake)
-        every = np.broadcast_to(q.ask(p, T=T, now=now), lead.shape)
-        own = {
-            n: v[:1] for n in type(now)._fields if np.ndim(v := getattr(now, n)) == lead.ndim and len(v) == len(lead)
-        }
-        alone = np.broadcast_to(q.ask(p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
-        if not np.allclose(alone, every[:1], rtol=SAME, atol=0.0):
-            yield (
-                f"{remedies.place(trial.file, q.part.law)}: {q.named()} gives another answer at one point when it is "
-                "asked about that point alone; a law sees its own point: no mean, max or sum over an array"
-            )
-
-    return _tried(trial, work)
+        if lead is not None and len(lead) > 1 and getattr(q.part, "target", "") not in FREE[:1]:
+            yield from _tried(of.trial, partial(_alone, of, q, lead))
 
 
-def _derivatives(trial: Trial, q: Question, p, scene) -> Iterator[str]:
-    def work():
-        rng = np.random.default_rng(3)
-        for name in CARRIED:
-            v = q.value(name)
-            if v is None or q.film or not np.issubdtype(np.asarray(v).dtype, np.number):
-                continue
-            v = np.asarray(v, dtype=float)
-            if name in ("T", "face"):
-                v = scene.ambient + rng.uniform(0.0, WARM, v.shape)
-            else:
-                v = v * (1 + 0.2 * rng.uniform(-1, 1, v.shape))
-            step = 3e-6 * np.maximum(np.abs(v), 1e-300)
-            exact = np.imag(q.ask(p, **q.with_(name, v + 1j * STEP * np.abs(v)))) / STEP
-            up, down = (np.asarray(q.ask(p, **q.with_(name, v + s * step))) for s in (1, -1))
-            by = np.real(up - down) / 6e-6
-            if np.any(np.abs(exact - by) > CLOSE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
-                yield remedies.of_slope(trial.file, q.part.law, q.named(), name)
+def _alone(of: Laws, q: Question, lead: np.ndarray) -> Iterator[str]:
+    rng = np.random.default_rng(5)
+    arrays = {n: v for n in CARRIED if np.ndim(v := q.value(n))}
+    shake = {n: v * (1 + 0.05 * rng.uniform(-1, 1, v.shape)) for n, v in arrays.items()}
+    T = shake.pop("T", q.T)
+    now = _moved(q.now, **shake)
+    every = np.broadcast_to(q.ask(of.p, T=T, now=now), lead.shape)
+    fields = {n: v for n in type(now)._fields if np.ndim(v := getattr(now, n)) == lead.ndim}
+    own = {n: v[:1] for n, v in fields.items() if len(v) == len(lead)}
+    alone = np.broadcast_to(q.ask(of.p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
+    if not np.allclose(alone, every[:1], rtol=SAME, atol=0.0):
+        yield (
+            f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} answers otherwise at one point when asked about "
+            "that point alone; a law sees its own point: no mean, max or sum over an array"
+        )
 
-    return _tried(trial, work)
+
+def _derivatives(of: Laws) -> Iterator[str]:
+    for q in (q for q in of.questions if not q.film):
+        yield from _tried(of.trial, partial(_slopes, of, q))
+
+
+def _slopes(of: Laws, q: Question) -> Iterator[str]:
+    rng = np.random.default_rng(3)
+    for name in CARRIED:
+        v = q.value(name)
+        if v is None or not np.issubdtype(np.asarray(v).dtype, np.number):
+            continue
+        v = np.asarray(v, dtype=float)
+        warm = of.scene.ambient + rng.uniform(0.0, WARM, v.shape)
+        v = warm if name in ("T", "face") else v * (1 + 0.2 * rng.uniform(-1, 1, v.shape))
+        step = 3e-6 * np.maximum(np.abs(v), 1e-300)
+        exact = np.imag(q.ask(of.p, **q.with_(name, v + 1j * STEP * np.abs(v)))) / STEP
+        up, down = (np.asarray(q.ask(of.p, **q.with_(name, v + s * step))) for s in (1, -1))
+        by = np.real(up - down) / 6e-6
+        if np.any(np.abs(exact - by) > CLOSE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
+            yield remedies.of_slope(of.trial.file, q.part.law, q.named(), name)
 
 
 # --- where powers blow up ----------------------------------------------------------------------------
-def _ends(bench: Bench, trial: Trial, questions, p, scene) -> Iterator[str]:
+def _ends(of: Laws) -> Iterator[str]:
     """Laws that are not finite at rest, without pressure, or where a parameter is at an end of its range."""
-    for where, parameters, laws in [("", p, None), *_bounds(bench, trial, scene)]:
-        for q in questions:
-            law = laws.get(q.number, None) if laws is not None else q.part.law
-            if law is not None and getattr(q.part, "target", "") not in FREE:
-                yield from _tried(trial, partial(_at_ends, trial, q, parameters, law, where), where)
+    laws = {q.number: q.part.law for q in of.questions}
+    for where, p, there in [("", of.p, laws), *_bounds(of)]:
+        for q in of.questions:
+            if q.number in there and getattr(q.part, "target", "") not in FREE:
+                for what, now in _corners(q):
+                    places = " and ".join(w for w in (what, where) if w) or "it is asked"
+                    look = partial(
+                        _at_end, of, replace(q, part=replace(q.part, law=there[q.number]), now=now), p, places
+                    )
+                    yield from _tried(of.trial, look, places)
 
 
-def _at_ends(trial: Trial, q: Question, p, law, where: str) -> Iterator[str]:
-    for what, now in _corners(q):
-        value = np.asarray(q.ask(p, now=now, law=law))
-        wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
-        if what == "the local pressure is 0" and not wild:
-            v = now.local_pressure + 1j * STEP
-            slope = np.imag(q.ask(p, now=_moved(now, local_pressure=v), law=law)) / STEP
-            wild = np.any(np.abs(slope) * now.pressure > STEEP * (1.0 + np.max(np.abs(value))))
-        if wild:
-            places = " and ".join(w for w in (what, where) if w) or "it is asked"
-            yield f"{remedies.place(trial.file, law)}: {q.named()} blows up where {places}; {remedies.HELD}"
-            return
+def _at_end(of: Laws, q: Question, p, where: str) -> Iterator[str]:
+    value = np.asarray(q.ask(p))
+    wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
+    if q.now is not None and np.ndim(q.now.local_pressure) and not np.any(q.now.local_pressure) and not wild:
+        slope = np.imag(q.ask(p, now=_moved(q.now, local_pressure=q.now.local_pressure + 1j * STEP))) / STEP
+        wild = np.any(np.abs(slope) * q.now.pressure > STEEP * (1.0 + np.max(np.abs(value))))
+    if wild:
+        yield f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} blows up where {where}; {remedies.HELD}"
 
 
 def _corners(q: Question) -> Iterator[tuple[str, Any]]:
@@ -244,19 +276,21 @@ def _corners(q: Question) -> Iterator[tuple[str, Any]]:
         yield "the local pressure is 0", _moved(q.now, local_pressure=0.0 * q.now.local_pressure)
 
 
-def _bounds(bench: Bench, trial: Trial, scene) -> Iterator[tuple[str, Any, dict[int, Any]]]:
+def _bounds(of: Laws) -> Iterator[tuple[str, SimpleNamespace, dict[int, Callable]]]:
     """Every numeric parameter at both ends of its range: words, parameters and laws by number."""
-    given = trial.own
-    if trial.effect.base:
+    if of.trial.effect.base or _slow(of.trial.effect):
         return
-    for key, param in trial.effect.params().items():
+    for key, param in of.trial.effect.params().items():
         for end in _range(param):
             try:
-                acting = acting_of(trial, given | {key: end}, bench.folder)
-                parts = [] if _slow(trial.effect) else acting.contributions(scene)
+                acting = acting_of(of.trial, of.trial.own | {key: end}, of.bench.folder)
+                yield f"{key} = {end:g}", acting.p, _by_number(acting, of.scene)
             except BadInput:
                 continue  # refused in words: that is an answer
-            yield f"{key} = {end:g}", acting.p, {n: c.law for n, c in enumerate(parts) if not isinstance(c, Deposit)}
+
+
+def _by_number(acting: Acting, scene: Scene) -> dict[int, Callable]:
+    return {n: c.law for n, c in enumerate(acting.contributions(scene)) if not isinstance(c, Deposit)}
 
 
 def _range(param: Param) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -39,9 +39,21 @@ SAME_AS = {
 def place(file: Path, law: Callable) -> str:
     """File and line where a law begins."""
     while isinstance(law, partial):
-        law = law.args[1].law if len(law.args) > 1 and hasattr(law.args[1], "law") else law.func
+        law = law.func
     code = getattr(law, "__code__", None)
     return f"{file}:{code.co_firstlineno}" if code else str(file)
+
+
+def once_a_line(faults: Iterable[str]) -> list[str]:
+    """The first fault of every line of a file.
+
+    >>> once_a_line(["a.py:3: falls", "a.py:3: falls far", "a.py:4: falls"])
+    ['a.py:3: falls', 'a.py:4: falls']
+    """
+    first: dict[str, str] = {}
+    for fault in faults:
+        first.setdefault(fault.split(": ", 1)[0], fault)
+    return list(first.values())
 
 
 def of_slope(file: Path, law: Callable, named: str, variable: str) -> str:
@@ -58,14 +70,16 @@ def of_exception(file: Path, fault: Exception, where: str = "") -> str:
     lines = [f.lineno for f in frames if Path(f.filename) == file]
     said = f"{type(fault).__name__}: {' '.join(str(fault).split())}"
     if not lines:
-        return f"{file}: a law fails: {said}; a law is law(T, now, p), the coefficient of a film coefficient(now, p)"
+        at = next(iter(getattr(fault, "__notes__", [])), str(file))
+        return f"{at}: the law fails: {said}; a law is law(T, now, p), the coefficient of a film coefficient(now, p)"
     at = f"{file}:{lines[-1]}"
     if isinstance(fault, AttributeError) and "SimpleNamespace" in said:
         return f"{at}: p has no {said.rsplit(' ', 1)[-1]}; it holds the parameters that the class declares"
     if isinstance(fault, AttributeError) and "Moment" in said:
         return f"{at}: now has no {said.rsplit(' ', 1)[-1]}; docs/effects.md says what laws see"
     if isinstance(fault, ZeroDivisionError):
-        return f"{at}: divides by zero{where and ' where ' + where}; {HELD}; a parameter that divides has open_low=True"
+        remedy = "declare that parameter with low > 0, or open_low=True" if "=" in where else HELD
+        return f"{at}: divides by zero where {where or 'it is asked'}; {remedy}"
     on_line = [what for line, what in _calls(_tree(file)) if line == lines[-1]]
     if on_line:
         return f"{at}: {on_line[0]}"

@@ -103,7 +103,8 @@ class Bench:
 
     def run(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> Run:
         """The run of the small scene, made once.  Raises BadInput, SolverFailure."""
-        key = (trial and (trial.name, trial.effect), tuple(beside), repr(sorted((values or {}).items())))
+        who = (trial.name, trial.effect, repr(sorted(trial.values.items()))) if trial else None
+        key = (who, tuple(beside), repr(sorted((values or {}).items())))
         if key not in self._runs:
             self._runs[key] = march(*self.given(trial, beside, values))
         return self._runs[key]

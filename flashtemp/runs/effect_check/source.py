@@ -39,12 +39,13 @@ def file(trial: Trial) -> Finding:
 
 def imports(trial: Trial) -> Finding:
     """Nothing but the standard library, numpy, scipy and what effects are written with."""
-    faults = []
+    faults, package = [], trial.effect.__module__.split(".")[0]
     for node in ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))):
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
         names += ["." * node.level + (node.module or "")] if isinstance(node, ast.ImportFrom) else []
         for found in names:
             own = found == "flashtemp.errors" or found.split(".")[:2] == ["flashtemp", "physics"]
+            own |= found.split(".")[0] in {"", package} - {"flashtemp"}  # what it is installed with
             if not own and found.split(".")[0] not in ALLOWED:
                 faults.append(
                     f"{trial.file}:{node.lineno}: imports {found}; an effect may use the standard library, numpy, "
@@ -116,6 +117,7 @@ def parameters(trial: Trial) -> Finding:
             f"{trial.file}: no parameter can switch the effect off; give one an off: "
             "the value at which a factor is 1 and a term 0"
         )
+    faults += [f"{trial.file}:{lines.get(k, 1)}: {k} is in no law; use p.{k}, or leave it out" for k in _unused(trial)]
     inherited = [k for c in trial.effect.__mro__[1:] for k, v in vars(c).items() if isinstance(v, Param)]
     faults += [f"{trial.file}: {k} is inherited; declare it in the class itself" for k in inherited]
     said = ", ".join(f"{k} ({p.unit})" for k, p in params.items())
@@ -159,6 +161,18 @@ def unit_fault(unit: str) -> str | None:
                 right = SLIPS.get(part, "it as the catalogue does: 1/K, W/m2K, m2K/W, m/s, degC, 1 for a number")
                 return f"unit {unit!r}; write {right}"
     return None
+
+
+def _unused(trial: Trial) -> list[str]:
+    """Parameters that nothing in the file speaks of; `prepare` may hand them on, and the engine asks for those of the base."""
+    if trial.effect.base or trial.effect.prepare.__func__ is not Effect.prepare.__func__:
+        return []
+    nodes = list(ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))))
+    if any(isinstance(n, ast.Name) and n.id in ("getattr", "vars") for n in nodes):
+        return []
+    used = {n.attr for n in nodes if isinstance(n, ast.Attribute)}
+    used |= {n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+    return [k for k in trial.effect.params() if k not in used]
 
 
 def _lines_of_params(trial: Trial) -> dict[str, int]:

@@ -164,7 +164,7 @@ def unit_fault(unit: str) -> str | None:
 
 
 def _unused(trial: Trial) -> list[str]:
-    """Parameters that nothing in the file speaks of; `prepare` may hand them on, and the engine asks for those of the base."""
+    """Parameters that nothing in the file speaks of, where no `prepare` hands them on and no engine asks for them."""
     if trial.effect.base or trial.effect.prepare.__func__ is not Effect.prepare.__func__:
         return []
     nodes = list(ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))))

@@ -124,8 +124,8 @@ def memory() -> None:
 
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
-    from flashtemp.solver import kernels_2d, kernels_3d
-    from flashtemp.solver.system import Stage
+    from flashtemp.solver import kernels_flows, kernels_sweep
+    from flashtemp.solver.system import Linearised, System
 
     go(MILLION | {"numerics.mesh": 0.2})
     spent = dict.fromkeys(("loops", "callbacks"), 0.0)
@@ -140,13 +140,13 @@ def parts() -> None:
         return run
 
     for module, names in (
-        (kernels_3d, ("flows", "sweep", "lift")),
-        (kernels_2d, ("add_slopes", "exchange", "factorise")),
+        (kernels_sweep, ("factorise", "sweep", "lift")),
+        (kernels_flows, ("flows_across", "add_slopes", "exchange")),
     ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))
-    for name in ("rate", "times", "setup", "solve"):
-        setattr(Stage, name, timed(getattr(Stage, name), "callbacks"))
+    for kind, name in ((System, "rate"), (System, "linearised"), (Linearised, "times"), (Linearised, "solve")):
+        setattr(kind, name, timed(getattr(kind, name), "callbacks"))
     for binding in available():
         spent |= dict.fromkeys(spent, 0.0)
         began = time.perf_counter()
@@ -163,13 +163,13 @@ def parts() -> None:
 def bandwidth() -> None:
     """Time of one pass over memory, beside one product and one solve of the preconditioner."""
     from flashtemp.solver.balance import Balance
-    from flashtemp.solver.system import Stage
+    from flashtemp.solver.system import System
 
     scene = load(CASE, MILLION).scene
     balance = Balance(scene)
-    stage, n = Stage(balance, scene.schedule.phases[0]), balance.size
+    system, n = System(balance, scene.schedule.phases[0]), balance.size
     y, out = np.zeros(n), np.zeros(n)
-    stage.setup(1.0, y, 0.05)
+    at = system.linearised(1.0, y, 0.05)
     r = np.random.default_rng(0).normal(size=n)
 
     def best(what, times=7) -> float:
@@ -185,10 +185,10 @@ def bandwidth() -> None:
     rate = 16 * n / copy
     print(f"{n} unknowns; copy {1e3 * copy:.2f} ms, {rate / 1e9:.1f} GB/s read and written")
     for name, what in (
-        ("rate", lambda: stage.rate(1.0, r, out)),
-        ("J v", lambda: stage.times(r, out)),
-        ("P^-1 r", lambda: stage.solve(r, out)),
-        ("set-up", lambda: stage.setup(1.0, r, 0.05)),
+        ("rate", lambda: system.rate(1.0, r, out)),
+        ("J v", lambda: at.times(r, out)),
+        ("P^-1 r", lambda: at.solve(r, out)),
+        ("set-up", lambda: system.linearised(1.0, r, 0.05)),
     ):
         took = best(what)
         print(f"{name:8s} {1e3 * took:7.2f} ms, {took / copy:5.1f} copies, {1e9 * took / n:.2f} ns per cell")

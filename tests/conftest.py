@@ -23,8 +23,9 @@ from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.march import Progress, march
-from flashtemp.solver.system import Stage
+from flashtemp.solver.march import march
+from flashtemp.solver.progress import Progress
+from flashtemp.solver.system import System
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
 # the effusivities of road and rubber with 1e-4 and 1e-8 of their diffusivity: V8 and V15 neglect conduction along x
@@ -88,10 +89,10 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
 
 def fluxes(scene, rise):
     """Fluxes and temperatures of the contact at the end of the schedule."""
-    stage = Stage(Balance(scene), scene.schedule.phases[-1])
-    now = stage.moment(scene.schedule.end)
-    T_in = stage.entering(now)
-    return stage.footprint.meet(now, 0.0, rise, T_in, stage.b.ones).flux
+    system = System(Balance(scene), scene.schedule.phases[-1])
+    now = system.moment(scene.schedule.end)
+    T_in = system.entering(now)
+    return system.interface.contact(now, 0.0, rise, T_in, system.b.ones).flux
 
 
 def column(cells, height, first, refine=1):

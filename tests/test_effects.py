@@ -15,7 +15,7 @@ from flashtemp.runs.effect_check import balance, camera, laws, source
 from flashtemp.runs.effect_check.balance import by_differences, direction, parts, product, smooth, states
 from flashtemp.runs.effect_check.scenes import RICH, SHAPES, Bench, Trial
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 PACKAGE = Path(flashtemp.__file__).parent
 EVERY = sorted(catalogue())
@@ -114,12 +114,12 @@ def test_jacobian_is_exact_where_effects_meet(bench, names):
     """Friction tilts the holder and answers to the heat of the tilt; spots answer to the pressure that wear leaves."""
     scene = bench.scene(None, names, RICH)
     b, rng = Balance(scene), np.random.default_rng(3)
-    stage = Stage(b, scene.schedule.phases[0])
+    system = System(b, scene.schedule.phases[0])
     y = b.initial()
     y[: b.n] = smooth(scene.mesh, rng)
     y[b.worn] = 3 * np.cos(3 * scene.mesh.column_x / 0.025 + 20 * scene.mesh.column_y)
     v = direction(b, smooth(scene.mesh, rng) - 8, rng)
-    J, by = product(b, stage, 1.0, y, v), by_differences(b, stage, 1.0, y, v)
+    J, by = product(b, system, 1.0, y, v), by_differences(b, system, 1.0, y, v)
     for part in parts(b):
         np.testing.assert_allclose(J[part], by[part], rtol=1e-6, atol=1e-8 * np.abs(J[part]).max())
 
@@ -133,11 +133,10 @@ def test_linearisation_used_by_the_solver(bench, name, shape):
 
 def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench):
     fixed = RICH | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0}
-    for b, stage, t, y, rng in states(bench.scene(TRIALS["wear"], values=fixed)):
+    for b, system, t, y, rng in states(bench.scene(TRIALS["wear"], values=fixed)):
         v = direction(b, smooth(b.scene.mesh, rng) - 8, rng)
-        J, out = product(b, stage, t, y, v), np.zeros(b.size)
-        stage.setup(t, y, 1e-2)
-        stage.times(v, out)
+        J, out = product(b, system, t, y, v), np.zeros(b.size)
+        system.linearised(t, y, 1e-2).times(v, out)
         for part in parts(b):
             assert np.linalg.norm((out - J)[part]) <= 1e-10 * np.linalg.norm(J[part])
 

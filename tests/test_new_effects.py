@@ -11,7 +11,7 @@ from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.effect import Heat, find
 from flashtemp.physics.effects.radiation import SIGMA
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 L, H = 0.025, 0.002
 SMALL = {
@@ -128,7 +128,7 @@ def test_evaporation_acts_behind_the_block_and_above_ambient(lab, rise):
     out, warm = np.zeros((2, balance.size)), np.zeros(balance.size)
     warm[: balance.n] = rise
     for made, o in zip((wet, dry), out, strict=True):
-        Stage(Balance(made), made.schedule.phases[0]).rate(0.5, warm, o)
+        System(Balance(made), made.schedule.phases[0]).rate(0.5, warm, o)
     cell, area, half = wet.mesh.patches["road.free"]
     behind = wet.mesh.x_centre[wet.mesh.line[cell]] > L
     drawn = ((out[0] - out[1])[: balance.n] * balance.capacity)[cell] / area

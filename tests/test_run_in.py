@@ -15,7 +15,7 @@ from flashtemp.physics import closed_forms
 from flashtemp.physics.effect import Term, find
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 CASES = Path(__file__).parents[1] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
@@ -151,10 +151,10 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     """A warm block on a cold road: only what is pressed gives its heat away."""
     mesh = block_on_road.build(L, 7e-3, 5e-3, cells=(20, 10, 10))
     scene = lab.scene(mesh, lab.MU, Term("contact.pressure", lambda T, now, p: 2.0 - 4.0 * now.x / L), phi=0.2)
-    stage = Stage(Balance(scene), scene.schedule.phases[0])
-    rise = np.zeros(stage.b.n)
+    system = System(Balance(scene), scene.schedule.phases[0])
+    rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
-    met = stage.footprint.meet(stage.moment(0.5), np.zeros(20), rise, np.zeros(mesh.n_road), stage.b.ones)
+    met = system.interface.contact(system.moment(0.5), np.zeros(20), rise, np.zeros(mesh.n_road), system.b.ones)
     lifted = met.press.pressure == 0
     assert 3 < lifted.sum() < 17
     into_road = np.abs(met.flux.into_road)
@@ -167,14 +167,14 @@ def test_friction_may_depend_on_the_local_pressure(lab):
     law = Term("friction.mu", lambda T, now, p: np.exp(-0.006 * (T - 293.15)) * (now.local_pressure / 1e5) ** -0.2)
     worn = Term("block.abrasion", lambda T, now, p: 1e-10 * now.local_pressure * now.friction)
     scene = lab.scene(mesh, law, worn, Term("contact.pressure", lambda T, now, p: 0.5 - now.x / L), phi=0.2)
-    stage = Stage(Balance(scene), scene.schedule.phases[0])
-    b, rng = stage.b, np.random.default_rng(0)
+    system = System(Balance(scene), scene.schedule.phases[0])
+    b, rng = system.b, np.random.default_rng(0)
     y, v = np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[b.worn] = 10.0, rng.normal(size=12)
     out, up, down = np.zeros(b.size, dtype=complex), np.zeros(b.size), np.zeros(b.size)
-    stage.rate(0.5, y + 1e-30j * v, out)
-    stage.rate(0.5, y + 1e-4 * v, up)
-    stage.rate(0.5, y - 1e-4 * v, down)
+    system.rate(0.5, y + 1e-30j * v, out)
+    system.rate(0.5, y + 1e-4 * v, up)
+    system.rate(0.5, y - 1e-4 * v, down)
     slope = (up - down) / 2e-4
     for part in (slice(0, b.n), b.worn):
         np.testing.assert_allclose(out.imag[part] / 1e-30, slope[part], atol=1e-6 * np.abs(slope[part]).max())

@@ -16,7 +16,7 @@ from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
 from flashtemp.physics.friction.spot_patterns import ContactMap, Discs, discs, read_map
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 D, PHI = 3e-3, 0.2
 
@@ -117,9 +117,9 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     mesh = even(round(length / D * 32), length, first=5e-6)
     scene = resolved(lab, mesh, phi, lab.NO_ROAD, time, speed, pattern="stripes")
     run, rise = lab.slide(scene, rtol=1e-4)
-    stage = Stage(Balance(scene), scene.schedule.phases[-1])
-    now = stage.moment(scene.schedule.end)
-    state, _, flux, _ = stage.footprint.meet(now, 0.0, rise, stage.entering(now), stage.b.ones)
+    system = System(Balance(scene), scene.schedule.phases[-1])
+    now = system.moment(scene.schedule.end)
+    state, _, flux, _ = system.interface.contact(now, 0.0, rise, system.entering(now), system.b.ones)
     spot = np.sum(state.phi * flux.spot) / np.sum(state.phi) - scene.ambient
     mean = np.mean(run.T_block[-1]) - run.ambient_degC
     q, period = 1e5 * speed / phi, D / phi / speed

@@ -18,7 +18,7 @@ from flashtemp.model.case_file import Places
 from flashtemp.physics.effect import Factor, Heat
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 W = 0.02
 SMALL = {
@@ -75,15 +75,15 @@ def test_pressure_across_against_the_plane_with_a_sink(lab):
     found = planes @ np.cos(k * y) * 2 / n
     # the plane by itself: C dT/dt = A T + b, then with the sink of the discrete cosine
     balance = Balance(flat)
-    stage, size = Stage(balance, flat.schedule.phases[0]), balance.n
+    system, size = System(balance, flat.schedule.phases[0]), balance.n
     at, out = np.zeros(balance.size), np.zeros(balance.size)
-    stage.rate(0.5, at, out)
+    system.rate(0.5, at, out)
     b = out[:size].copy()
     rows = []
     for c in range(size):
         at[:] = 0.0
         at[c] = 1.0
-        stage.rate(0.5, at, out)
+        system.rate(0.5, at, out)
         rows.append(out[:size] - b)
     mesh = flat.mesh
     D = np.where(mesh.level < mesh.n_road, flat.road.diffusivity, flat.block.diffusivity)

@@ -13,7 +13,7 @@ from flashtemp.model.case import Case
 from flashtemp.runs import job, vtk
 from flashtemp.runs.vtk import Fields
 from flashtemp.showing import Shown
-from flashtemp.solver.march import Progress
+from flashtemp.solver.progress import Progress
 from flashtemp.solver.run import Run
 
 Watch = Callable[[Progress, float], Any]

@@ -11,7 +11,7 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.runs import vtk
 from flashtemp.solver.field_store import Frames
-from flashtemp.solver.march import Progress
+from flashtemp.solver.progress import Progress
 
 CHECKPOINT, FRAMES = "checkpoint.h5", "frames.bin"
 

@@ -15,7 +15,8 @@ from flashtemp.runs import vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, load, save
 from flashtemp.runs.folders import partial, stoppable
 from flashtemp.solver.field_store import Frames
-from flashtemp.solver.march import Progress, march
+from flashtemp.solver.march import march
+from flashtemp.solver.progress import Progress
 from flashtemp.solver.run import Run
 
 LOCK = ".lock"

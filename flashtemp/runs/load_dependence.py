@@ -25,7 +25,7 @@ from flashtemp.runs.workers import stream
 from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 NOTHING = 0.01  # change of friction over the loads below which nothing needs a cause
 PRESSURES, SPEEDS = (5e4, 1e5, 2e5, 3e5), (0.1, 0.5, 1.0)
@@ -68,11 +68,11 @@ def friction_of(asked: Asked) -> float:
         run = march(scene, asked.case.settings, asked.case.title)
         return float(run.friction[run.last])
     phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
-    stage = Stage(Balance(scene), phase)
-    now, y = stage.moment(phase.end), stage.b.initial()
-    state, press, *_ = stage.meet(now, y)
+    system = System(Balance(scene), phase)
+    now, y = system.moment(phase.end), system.b.initial()
+    state, press, *_ = system.contact(now, y)
     T = np.full(len(press.pressure), now.ambient)
-    mu = stage.b.laws("friction.mu", 0.0, T, stage.footprint.at(state, now)._replace(face=T)) + 0.0 * T
+    mu = system.b.laws("friction.mu", 0.0, T, system.interface.at(state, now)._replace(face=T)) + 0.0 * T
     load = press.pressure * scene.mesh.column_area
     return float(mu @ load / load.sum())
 

@@ -1,4 +1,4 @@
-"""The heat balance C dh/dt = Q of a scene: capacities, resistances, sites and ledger.
+"""The heat balance C dh/dt = Q of a scene: capacities, resistances, boundary heat and ledger.
 
 The state is the enthalpy rise h of every cell over rho c (K above ambient; the temperature rise
 itself while rho c is constant), the worn depth of every column under the block, and the ledger: energies
@@ -14,8 +14,8 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Scene
-from flashtemp.solver import kernels_2d
-from flashtemp.solver.boundary_heat import Sites
+from flashtemp.solver import kernels_flows
+from flashtemp.solver.boundary_heat import BoundaryHeat
 from flashtemp.solver.winkler import Foundation
 
 LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
@@ -25,7 +25,7 @@ FEEL = 20.0  # K: about what a change of pressure by its mean does to the contac
 
 
 class Balance:
-    """Static part: capacities, resistances, sites and ledger of a scene."""
+    """Static part: capacities, resistances, boundary heat and ledger of a scene; whole from construction."""
 
     def __init__(self, scene: Scene):
         self.scene, mesh = scene, scene.mesh
@@ -41,20 +41,23 @@ class Balance:
         self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
         self.ones = np.ones(self.n)
         one = self.ones[: mesh.n_plane]
-        kernels_2d.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
+        kernels_flows.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
         self.g_in = 1.0 / self.half_x[: mesh.n_road]
         faces = mesh.x[1:]
         back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
         self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
-        self.dz_road = mesh.thickness[: mesh.n_road]
+        self.carry_unit = scene.road.volumetric_capacity * mesh.thickness[: mesh.n_road]  # rho c dz, J/(m2 K)
+        self.no_inflow = np.zeros(mesh.n_road * mesh.n_across)
         self.cell_block = mesh.everywhere(mesh.block[:, 0]).ravel()
         self.cell_road = mesh.everywhere(mesh.road[mesh.first : mesh.last, -1]).ravel()
         self.half_block = np.full(len(self.cell_block), mesh.height[1] / (2 * scene.block.conductivity))
         self.half_road = np.full(len(self.cell_road), mesh.depth[1] / (2 * scene.road.conductivity))
-        self._deposits()
+        self.volumetric = [d for d in self.laws.deposits if d.share > 0]
+        self.inside = sum(d.share for d in self.volumetric)
+        self.weight, self.deep_cells = self._deposits()
         self.share = self._reference_fraction()
-        self.sites = Sites(scene, self.laws, k)
-        self.ledger = LEDGER + tuple(sorted(self.sites.ledgers() - set(LEDGER)))
+        self.boundary = BoundaryHeat(scene, self.laws, k)
+        self.ledger = LEDGER + tuple(sorted(self.boundary.ledgers() - set(LEDGER)))
         self.worn = slice(self.n, self.n + len(self.cell_block))
         self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
         self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))
@@ -76,22 +79,18 @@ class Balance:
         phi = float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
         return phi + self.laws("contact.resolved", 0.0, None, now) * (1.0 - phi)
 
-    def _deposits(self) -> None:
-        """Exact cell means of the decaying sources, eq. (7); power beyond the holder is kept."""
-        edges = self.scene.mesh.height
-        parts = [d for d in self.laws.deposits if d.share > 0]
-        self.volumetric = parts
-        self.weight = np.zeros(self.scene.mesh.n_block)
-        for d in parts:
-            inside = -np.diff(np.exp(-edges / d.depth))
-            self.weight += d.share * inside / inside.sum()
-        self.inside = sum(d.share for d in parts)
-        self.weight /= max(self.inside, 1e-300)
-        used = np.flatnonzero(self.weight > 1e-18)
-        self.weight = self.weight[: used[-1] + 1].copy() if len(used) else self.weight[:0].copy()
+    def _deposits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Exact cell means of the decaying sources, eq. (7), and their cells; power beyond the holder is kept."""
         mesh = self.scene.mesh
-        deep = mesh.everywhere(mesh.block[:, : len(self.weight)])
-        self.deep_cells = np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
+        weight = np.zeros(mesh.n_block)
+        for d in self.volumetric:
+            inside = -np.diff(np.exp(-mesh.height / d.depth))
+            weight += d.share * inside / inside.sum()
+        weight /= max(self.inside, 1e-300)
+        used = np.flatnonzero(weight > 1e-18)
+        weight = weight[: used[-1] + 1 if len(used) else 0].copy()
+        deep = mesh.everywhere(mesh.block[:, : len(weight)])
+        return weight, np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:

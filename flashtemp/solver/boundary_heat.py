@@ -1,16 +1,26 @@
-"""Heat on patches and in zones: films, general patch laws and volumetric laws of a scene."""
+"""Boundary heat: here the film of every wall is applied to its cells, and every law on a patch or in a zone."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.model.laws import STEP, Laws
 from flashtemp.model.scene import Scene
-from flashtemp.solver import kernels_2d
+from flashtemp.solver import kernels_flows
 
 
-class Sites:
-    """All heat that does not pass through the contact, with its derivatives.
+class Films(NamedTuple):
+    """Films at one instant: (h, far) of each film of every site, and those of a site taken together."""
+
+    each: list[list[tuple[float, float]]]
+    resistance: np.ndarray  # (sites,) m2 K/W, inf where nothing passes
+    far: np.ndarray  # (sites,) rise in K beyond the film
+
+
+class BoundaryHeat:
+    """All heat that does not pass through the contact, with its derivatives; whole from construction.
 
     Heat on road sites is booked under "lane_air", on block sites under the law's own ledger.
     """
@@ -23,9 +33,6 @@ class Sites:
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell // mesh.n_across]
-        n = len(self.names)
-        self.film, self.far = np.empty(n), np.empty(n)
-        self.total, self.surface = np.zeros(n), np.zeros(n)
 
     def ledgers(self) -> set[str]:
         """Names under which heat may be booked."""
@@ -34,47 +41,47 @@ class Sites:
 
     def exchange(self, now, T, kf, q, led) -> None:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
-        coefficients = self._films(now, T.dtype)
-        total, surface = (a.astype(T.dtype) for a in (self.total, self.surface))
-        kernels_2d.exchange(self.offset, self.cell, self.area, self.half, kf, self.film, self.far, T, q, total, surface)
+        films, n = self._films(now, T.dtype), len(self.names)
+        total, surface = np.zeros(n, dtype=T.dtype), np.zeros(n, dtype=T.dtype)
+        kernels_flows.exchange(
+            self.offset, self.cell, self.area, self.half, kf, films.resistance, films.far, T, q, total, surface
+        )
         for s, site in enumerate(self.names):
-            if np.real(self.film[s]) < np.inf:
+            if np.real(films.resistance[s]) < np.inf:
                 area = self.area[self.offset[s] : self.offset[s + 1]].sum()
-                self._book(site, coefficients[s], total[s], surface[s], area, led)
+                self._book(site, films.each[s], total[s], surface[s], area, led)
         for to, cells, heat in self._general(now, T + self.scene.ambient, kf):
             q[cells] += heat
             led[to] += heat.sum()
 
-    def slopes(self, now, T, kf, own, rows) -> None:
-        """Add (cells, d(heat)/dT) to the list `own` and to the ledger's `rows`."""
-        self._films(now)
+    def slopes(self, now, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """(entry of the ledger, cells, d(heat)/dT in W/(m K)) of all heat at rises T (cells,)."""
+        films, out = self._films(now), []
         for s, site in enumerate(self.names):
-            if self.film[s] < np.inf:
+            if films.resistance[s] < np.inf:
                 at = slice(self.offset[s], self.offset[s + 1])
                 cells = self.cell[at]
-                slope = -self.area[at] / (self.half[at] / kf[cells] + self.film[s])
-                own.append((cells, slope))
-                rows[_ledger(site, self.laws.films[site][0][0])].append((cells, slope))
+                slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
+                out.append((_ledger(site, self.laws.films[site][0][0]), cells, slope))
         for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
             slope = np.imag(heat) / STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
-                own.append((cells.ravel(), slope.ravel()))
-                rows[to].append(own[-1])
+                out.append((to, cells.ravel(), slope.ravel()))
+        return out
 
     def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
         """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""
         cell, _, half = self.scene.mesh.patches[site]
         if site not in self.names:
             return T[cell]
-        self._films(now)
-        s = self.names.index(site)
+        films, s = self._films(now), self.names.index(site)
         inner = half / (self.k[cell // self.scene.mesh.n_across] * kf[cell])
-        return T[cell] + (self.far[s] - T[cell]) * inner / (inner + self.film[s])
+        return T[cell] + (films.far[s] - T[cell]) * inner / (inner + films.resistance[s])
 
-    def _films(self, now, dtype=float) -> list[list[tuple[float, float]]]:
-        """Film resistance and far rise of every site, several films combined; (h, far) of each."""
-        out = []
-        self.film = np.empty(len(self.names), dtype=dtype)
+    def _films(self, now, dtype: type | np.dtype = float) -> Films:
+        """All films at a moment; those of a site act side by side."""
+        n = len(self.names)
+        out = Films([], np.empty(n, dtype=dtype), np.empty(n))
         for s, site in enumerate(self.names):
             each = [
                 (part.law(now, p), (now.ambient if part.far is None else part.far(now, p)) - self.scene.ambient)
@@ -82,11 +89,11 @@ class Sites:
             ]
             h = sum(c for c, _ in each)
             fixed = [far for c, far in each if c == np.inf]
-            self.film[s] = 1.0 / h if np.real(h) > 0 else np.inf
-            self.far[s] = (
+            out.resistance[s] = 1.0 / h if np.real(h) > 0 else np.inf
+            out.far[s] = (
                 fixed[0] if fixed else (np.real(sum(c * far for c, far in each) / h) if np.real(h) > 0 else 0.0)
             )
-            out.append(each)
+            out.each.append(each)
         return out
 
     def _book(self, site, each, total, surface, area, led) -> None:

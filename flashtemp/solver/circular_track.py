@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
+from flashtemp.model.scene import Scene
+from flashtemp.solver.system import Inflow, System
+
 
 @dataclass
 class Track:
@@ -66,14 +69,50 @@ class Track:
         k = int(np.searchsorted(self.place, before, side="right"))
         if k == 0 or not self.place:
             return np.zeros(len(self.dz) * self.planes)
-        if k == len(self.place):
-            parts = ((k - 1, 1.0),)
-        else:
+        parts = [(k - 1, 1.0)]
+        if k < len(self.place):
             w = (before - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
-            parts = ((k - 1, 1.0 - w), (k, w))
+            parts = [(k - 1, 1.0 - w), (k, w)]
         total = np.zeros((len(self.dz), self.planes))
         for j, weight in parts:
             age = max(t - self.time[j], 0.0)
             cooled = np.exp(-self.rates * age)[:, None]
             total += weight * cooled * (self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
         return (self.modes @ total / self.root[:, None]).ravel()
+
+
+def track_of(scene: Scene) -> Track:
+    """The track of a scene that remembers, still empty."""
+    film = sum(
+        part.law(scene.moment(scene.schedule.phases[0], 0.0), a.p)
+        for a in scene.acting
+        for part in a.contributions(scene)
+        if getattr(part, "site", "") == "road.free" and part.kind == "film"
+    )
+    lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
+    dz = scene.mesh.thickness[: scene.mesh.n_road]
+    road, planes = scene.road, scene.mesh.n_across
+    return Track(scene.track_length, dz, road.conductivity, road.volumetric_capacity, film, lateral, planes)
+
+
+def inflow(scene: Scene, phase, track: Track | None) -> Inflow | None:
+    """What the track carries into the window during a phase; None without a track."""
+    if track is None:
+        return None
+
+    def carried(now):
+        slid = phase.slid_before + now.slid
+        return track.carried(now.t, slid - scene.mesh.x[0])
+
+    return carried
+
+
+def leave(system: System, t: float, y: np.ndarray, track: Track) -> None:
+    """Keep the column that leaves the window at a state y, at most 400 per lap."""
+    b, scene, now = system.b, system.b.scene, system.moment(t)
+    place = system.phase.slid_before + now.slid - scene.mesh.x[-1]
+    if track.place and place - track.place[-1] < track.lap / 400:
+        return
+    last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
+    column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
+    track.leave(t, place, column - drift, system.entering(now) - drift, system.contact(now, y).state.covered)

@@ -2,27 +2,60 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.solver import kernels_2d, kernels_3d
+from flashtemp.solver import kernels_flows, kernels_sweep
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.kernels_flows import Walls
+from flashtemp.solver.kernels_sweep import Crossing, Factors, Lines, Transport
+
+Rows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: cells and slopes, W/(m K)
 
 
-def solid(balance: Balance):
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes of the heat of boundary and contact with temperature, W/(m K).
+
+    `own` of cells `cell` with their own temperature, `up`, `down` (columns,) across the interface: d(road heat)/d(block
+    T) and d(block heat)/d(road T); `deposits` (columns,) of the heat in depth with both, None where there is none.
+    """
+
+    cell: np.ndarray
+    own: np.ndarray
+    up: np.ndarray
+    down: np.ndarray
+    deposits: tuple[np.ndarray, np.ndarray] | None
+
+
+def solid(balance: Balance) -> Plane | Slab:
     """The solids of a balance: a Plane in 2D, a Slab in 3D."""
-    return Plane(balance) if balance.scene.mesh.n_across == 1 else Slab(balance)
+    mesh = balance.scene.mesh
+    lines = Lines(
+        start=mesh.start,
+        m=mesh.n_road,
+        first=mesh.first,
+        capacity=balance.capacity,
+        slope=balance.slope,
+        g_in=balance.g_in,
+        weight=np.where(mesh.level < mesh.n_road, balance.share, 1.0),
+        share=mesh.share,
+    )
+    return Plane(balance, lines) if mesh.n_across == 1 else Slab.of(balance, lines)
 
 
-class _Solid:
-    """What both have: the linearised laws of boundary and contact."""
+@dataclass(frozen=True)
+class Plane:
+    """One plane (x, z)."""
 
-    def __init__(self, balance: Balance):
-        self.b, self.mesh = balance, balance.scene.mesh
+    b: Balance
+    lines: Lines
 
     def conduction(self, T, now) -> np.ndarray:
         """Factor on conductivity (cells,) at the temperature rises T."""
-        b, mesh = self.b, self.mesh
+        b, mesh = self.b, self.b.scene.mesh
         if not b.nonlinear_conductivity:
             return b.ones
         f = np.ones(b.n, dtype=T.dtype)
@@ -33,165 +66,150 @@ class _Solid:
             raise SolverFailure("thermal conductivity fell to zero or below")
         return f
 
-    def linearise(self, gamma: float, kf, carry, stretch, own, up, down, deposits, rows) -> None:
-        """Factors of P ~ I - gamma J around conductivities `kf` (cells,) and dh/dT `stretch`.
-
-        `carry` (n_road,) rho c v dz; `own` [(cells, slopes)] heat per rise on the diagonal, `up`, `down`
-        (columns,) across the interface: d(road heat)/d(block T) and d(block heat)/d(road T).  `deposits`: slopes
-        (columns,) of the heat in depth with both temperatures; in P it is in the cells at the face.
-        `rows` {entry of the ledger: (cells, slopes)} in W/(m K).
-        """
-        self.gamma, self.kf, self.carry, self.stretch = gamma, kf, carry, stretch
-        self.cell = np.concatenate([np.empty(0, dtype=np.int64), *(np.ravel(cells) for cells, _ in own)])
-        self.slope = np.concatenate([np.empty(0), *(np.ravel(slope) for _, slope in own)])
-        self.up, self.down, self.deposits = up, down, deposits
-        self._factorise(rows)
-
-    def product(self, T, out) -> None:
-        """out = J v of cells whose temperatures change by T (cells,), in K/s; nothing enters with the road."""
+    def conductances(self, kf):
+        """What conducts between cells, W/(m K), for factors kf (cells,) on conductivity: what `flows` takes."""
         b = self.b
-        out[:] = 0.0
-        kernels_2d.add_slopes(self.cell, self.slope, b.cell_road, b.cell_block, self.up, self.down, T, out)
-        if self.deposits is not None:
-            power = self.deposits[0] * T[b.cell_block] + self.deposits[1] * T[b.cell_road]
-            out[b.cell_block] -= power
-            kernels_2d.deposit(b.deep_cells, b.weight, power, out)
-        h = T if b.capacity_gradient is None else T * self.stretch
-        self.flows(T, h, self.none, self.none, self.kf, self.carry, out)
-
-
-class Plane(_Solid):
-    """One plane (x, z)."""
-
-    def __init__(self, balance: Balance):
-        super().__init__(balance)
-        self.factors = tuple(np.empty(self.b.n) for _ in range(5))
-        self.none = np.zeros(self.mesh.n_road)
-        self._for = None
-
-    def _conductances(self, kf):
-        b, mesh = self.b, self.mesh
         if kf is b.ones:
             return b.gx, b.gz
         gx, gz = np.empty_like(kf), np.empty_like(kf)
-        kernels_2d.face_conductances(mesh.start, mesh.n_road, b.half_x, b.half_z, kf, gx, gz)
+        kernels_flows.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, kf, gx, gz)
         return gx, gz
 
-    def flows(self, T, h, T_in, h_in, kf, carry, q) -> None:
+    def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
-        b, mesh = self.b, self.mesh
-        gx, gz = self._at if kf is self._for else self._conductances(kf)
-        kernels_2d.heat_flows(
-            mesh.start, mesh.n_road, gx, gz, carry, b.slope, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), b.g_in, q
-        )
-        q /= b.capacity
-
-    def _factorise(self, rows) -> None:
-        b, mesh = self.b, self.mesh
-        self._for, self._at = self.kf, self._conductances(self.kf)
-        own = np.zeros(b.n)
-        np.add.at(own, self.cell, self.slope)
-        up, down = np.zeros(mesh.n_lines), np.zeros(mesh.n_lines)
-        up[mesh.first : mesh.last], down[mesh.first : mesh.last] = self.up, self.down
-        self.across = up, down
-        kernels_2d.factorise(
-            mesh.start, mesh.n_road, b.capacity, *self._at, self.carry, b.slope, b.g_in, self.gamma,
-            own, up, down, b.share, self.stretch, *self.factors,
+        kernels_flows.heat_flows(
+            self.lines, *conductances, carry, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), q
         )  # fmt: skip
+        q /= self.lines.capacity
+
+    def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedPlane:
+        """Around conductivities `kf` (cells,) and dh/dT `stretch` (cells,), with P ~ I - gamma J factorised.
+
+        `carry` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
+        cells at the face.
+        """
+        conductances = self.conductances(kf)
+        own = np.zeros(self.b.n)
+        np.add.at(own, slopes.cell, slopes.own)
+        factors = self._factors(gamma, Transport(*conductances, carry, stretch), own, slopes.up, slopes.down)
+        pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
+        crossing = Crossing(slopes.up, slopes.down, *pivots)
+        return LinearisedPlane(self, gamma, conductances, carry, stretch, slopes, factors, crossing)
+
+    def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
+        factors = Factors(*(np.empty(len(own)) for _ in Factors._fields))
+        kernels_sweep.factorise(self.lines, transport, gamma, own, up, down, factors)
+        return factors
+
+
+@dataclass(frozen=True)
+class LinearisedPlane:
+    """The cells of block and road linearised around a state: J v, and P^-1 r of the preconditioner."""
+
+    solid: Plane | Slab
+    gamma: float
+    conductances: tuple
+    carry: np.ndarray
+    stretch: np.ndarray
+    slopes: Slopes
+    factors: Factors
+    crossing: Crossing
+
+    def product(self, T, out) -> None:
+        """out = J v of cells whose temperatures change by T (cells,), in K/s; nothing enters with the road."""
+        b, slopes = self.solid.b, self.slopes
+        out[:] = 0.0
+        kernels_flows.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, slopes.up, slopes.down, T, out)
+        if slopes.deposits is not None:
+            power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * T[b.cell_road]
+            out[b.cell_block] -= power
+            kernels_flows.deposit(b.deep_cells, b.weight, power, out)
+        h = T if b.capacity_gradient is None else T * self.stretch
+        self.solid.flows(T, h, b.no_inflow, b.no_inflow, self.conductances, self.carry, out)
 
     def solve(self, r, z) -> None:
         """z = P^-1 r of cells; the columns of P conserve heat by themselves."""
-        b, mesh = self.b, self.mesh
-        kernels_2d.sweep(mesh.start, mesh.n_road, b.capacity, self.gamma, *self.across, *self.factors, r, z)
+        kernels_sweep.sweep(self.solid.lines, self.factors, self.crossing, self.gamma, r, z)
 
 
-class Slab(_Solid):
+@dataclass(frozen=True)
+class Slab(Plane):
     """Many planes (x, z) side by side, which share the factors of their mean; only the interface has its own."""
 
-    def __init__(self, balance: Balance):
-        super().__init__(balance)
-        b, mesh = self.b, self.mesh
+    walls: Walls
+    faces: np.ndarray  # cells of a plane at the interface: the road's, then the block's
+    face: np.ndarray  # number (n_plane,) of a plane's cell among the faces, -1 if it is none
+
+    @classmethod
+    def of(cls, b: Balance, lines: Lines) -> Slab:
+        """The slab of a balance."""
+        mesh = b.scene.mesh
         dy = np.diff(mesh.y)
         apart = 0.5 * (dy[1:] + dy[:-1])
-        self.dy, self.before, self.after = dy, np.zeros(len(dy)), np.zeros(len(dy))
-        self.before[1:], self.after[:-1] = 1.0 / (apart * dy[1:]), 1.0 / (apart * dy[:-1])
-        self.gy = b.conductivity * mesh.volume
-        self.none = np.zeros(mesh.n_road * mesh.n_across)
-        self.factors = tuple(np.empty(mesh.n_plane) for _ in range(5))
-        self.weight = np.where(mesh.level < mesh.n_road, b.share, 1.0)
-        self.faces = np.concatenate([mesh.road[mesh.first : mesh.last, -1], mesh.block[:, 0]])
-        self.face = np.full(mesh.n_plane, -1)  # number of a plane's cell among the faces, if it is one
-        self.face[self.faces] = np.arange(len(self.faces))
+        before, after = np.zeros(len(dy)), np.zeros(len(dy))
+        before[1:], after[:-1] = 1.0 / (apart * dy[1:]), 1.0 / (apart * dy[:-1])
+        faces = np.concatenate([mesh.road[mesh.first : mesh.last, -1], mesh.block[:, 0]])
+        face = np.full(mesh.n_plane, -1)
+        face[faces] = np.arange(len(faces))
+        gy, even = b.conductivity * mesh.volume, np.ones(1)
+        return cls(b, lines, Walls(b.gx, b.gz, gy, b.half_x, b.half_z, even, dy, before, after), faces, face)
 
-    def flows(self, T, h, T_in, h_in, kf, carry, q) -> None:
+    def conductances(self, kf):
+        """What conducts between cells, for factors kf (cells,) on conductivity: what `flows` takes."""
+        return self.walls if kf is self.b.ones else self.walls._replace(factor=self.b.scene.mesh.planes(kf))
+
+    def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
-        b, mesh = self.b, self.mesh
+        mesh = self.b.scene.mesh
         T, h, q = (mesh.planes(a) for a in (T, h, q))
         T_in, h_in = (a.reshape(-1, mesh.n_across).astype(T.dtype) for a in (T_in, h_in))
-        if kf is b.ones:
-            kernels_3d.flows(
-                mesh.start, mesh.n_road, b.gx, b.gz, self.gy, carry, b.slope, self.before, self.after,
-                T, h, T_in, h_in, b.g_in, mesh.share, b.capacity, q,
-            )  # fmt: skip
-        else:
-            kernels_3d.varying_flows(
-                mesh.start, mesh.n_road, b.half_x, b.half_z, self.gy, mesh.planes(kf), carry, b.slope, self.dy,
-                T, h, T_in, h_in, b.g_in, mesh.share, b.capacity, q,
-            )  # fmt: skip
+        kernels_flows.flows_across(self.lines, conductances, carry, T, h, T_in, h_in, q)
 
-    def _factorise(self, rows) -> None:
-        """Factors of the mean plane; then each plane's own pivots at the interface."""
-        b, mesh, n = self.b, self.mesh, self.mesh.n_across
-        share, gamma = mesh.share, self.gamma
-        own = np.bincount(self.cell // n, self.slope, mesh.n_plane)
-        up, down = np.zeros(mesh.n_lines), np.zeros(mesh.n_lines)
-        on = slice(mesh.first, mesh.last)
-        up[on], down[on] = (a.reshape(-1, n).sum(axis=1) for a in (self.up, self.down))
-        if not (self.stretch != 1.0).any():  # what is off leaves no trace
-            self.stretch = b.ones
-        if not (self.kf != 1.0).any():
-            self.kf = b.ones
-        if self.kf is b.ones:
-            gx, gz = b.gx, b.gz
-        else:
-            gx, gz = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
-            kernels_2d.face_conductances(
-                mesh.start, mesh.n_road, b.half_x, b.half_z, mesh.planes(self.kf) @ share, gx, gz
-            )
-        stretch = np.ones(mesh.n_plane) if self.stretch is b.ones else mesh.planes(self.stretch) @ share
-        kernels_2d.factorise(
-            mesh.start, mesh.n_road, b.capacity, gx, gz, self.carry, b.slope, b.g_in, gamma,
-            own, up, down, b.share, stretch, *self.factors,
+    def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedSlab:
+        """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
+        b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
+        own = np.bincount(slopes.cell // n, slopes.own, mesh.n_plane)
+        up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.down))
+        kf, stretch = (a if (a != 1.0).any() else b.ones for a in (kf, stretch))  # what is off leaves no trace
+        even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
+        mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
+        factors = self._factors(gamma, Transport(*super().conductances(mean), carry, even), own, up, down)
+        cells = np.concatenate([i for i, _ in rows.values()])
+        weights = np.concatenate([b.counts(name) * w for name, (_, w) in rows.items()])
+        inside = mesh.level[cells // n] >= mesh.n_road
+        return LinearisedSlab(
+            self, gamma, self.conductances(kf), carry, stretch, slopes, factors,
+            self._crossing(gamma, slopes, own, factors),
+            arrives=(cells, weights),
+            holds=(b.capacity * even)[mesh.block].sum() - gamma * weights[inside].sum(),
         )  # fmt: skip
-        self._net(rows, stretch)
-        # slopes come with each plane's share of the width: what a plane's own matrix has is more by that
-        self.crossing = tuple(np.ascontiguousarray(a.reshape(-1, n) / share) for a in (self.up, self.down))
-        place = self.face[self.cell // n]
-        at = place >= 0
-        local = np.bincount(place[at] * n + self.cell[at] % n, self.slope[at], len(self.faces) * n)
-        local = local.reshape(-1, n) / share
-        pivot = 1.0 / (1.0 / self.factors[0][self.faces][:, None] - gamma * (local - own[self.faces][:, None]))
-        self.pivots = pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :]
 
-    def _net(self, rows, stretch) -> None:
-        """`net` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `holds`."""
-        b, mesh = self.b, self.mesh
-        self.net = cells, weights = (
-            np.concatenate([i for i, _ in rows.values()]),
-            np.concatenate([b.counts(name) * w for name, (_, w) in rows.items()]),
-        )
-        inside = mesh.level[cells // mesh.n_across] >= mesh.n_road
-        self.holds = (b.capacity * stretch)[mesh.block].sum() - self.gamma * weights[inside].sum()
+    def _crossing(self, gamma: float, slopes: Slopes, own, factors: Factors) -> Crossing:
+        """Each plane's own interface; slopes come with its share of the width: its own matrix has more by that."""
+        mesh, n = self.b.scene.mesh, self.b.scene.mesh.n_across
+        up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.down))
+        place = self.face[slopes.cell // n]
+        at = place >= 0
+        local = np.bincount(place[at] * n + slopes.cell[at] % n, slopes.own[at], len(self.faces) * n)
+        local = local.reshape(-1, n) / mesh.share
+        pivot = 1.0 / (1.0 / factors.inv[self.faces][:, None] - gamma * (local - own[self.faces][:, None]))
+        return Crossing(up, down, pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :])
+
+
+@dataclass(frozen=True)
+class LinearisedSlab(LinearisedPlane):
+    """`arrives` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `holds`."""
+
+    arrives: tuple[np.ndarray, np.ndarray]
+    holds: float
 
     def solve(self, r, z) -> None:
         """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings."""
-        b, mesh = self.b, self.mesh
-        given, kept = kernels_3d.sweep(
-            mesh.start, mesh.n_road, mesh.first, b.capacity, self.weight, mesh.share, self.gamma, *self.crossing,
-            *self.pivots, *self.factors, mesh.planes(r), mesh.planes(z),
-        )  # fmt: skip
+        b, mesh, lines = self.solid.b, self.solid.b.scene.mesh, self.solid.lines
+        r, planes = mesh.planes(r), mesh.planes(z)
+        given, kept = kernels_sweep.sweep(lines, self.factors, self.crossing, self.gamma, r, planes)
         if self.stretch is not b.ones:
-            kept = (self.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
-        cells, weights = self.net
+            kept = (lines.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
+        cells, weights = self.arrives
         missing = given - kept + self.gamma * (weights @ z[cells])
-        kernels_3d.lift(mesh.start, mesh.n_road, missing / self.holds, mesh.planes(z))
+        kernels_sweep.lift(lines.start, lines.m, missing / self.holds, planes)

@@ -70,7 +70,7 @@ class Slopes(NamedTuple):
 
 
 def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, parted, guess=None, slopes=False):
-    """Fluxes (and with `slopes` their derivatives) for first-cell temperatures T0, Ts in K (lines,).
+    """Fluxes, and with `slopes` their derivatives, else None, for first-cell temperatures T0, Ts in K (lines,).
 
     `under` K is the temperature of the entering road, `half_block`, `half_road` half-cell
     resistances m2 K/W, `friction(T, face, apart)` the friction coefficient at the temperatures in the spots and of the
@@ -105,7 +105,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     lane = under + state.lane * (Ts - under + half_road * S)
     out = Fluxes(J, S, q, deep, mu, T, lane)
     if not slopes:
-        return out
+        return out, None
 
     def along(law, own=None):
         """Derivative of a law of both temperatures along the solution."""

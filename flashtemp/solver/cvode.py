@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -19,24 +21,55 @@ class Tolerance:
     max_step: float = 0.0
 
 
+class Linearised(Protocol):
+    """What CVODE asks of a linearised system: `times` J v, `solve` P^-1 r."""
+
+    def times(self, v: np.ndarray, out: np.ndarray) -> None: ...
+
+    def solve(self, r: np.ndarray, z: np.ndarray) -> None: ...
+
+
+class System(Protocol):
+    """What CVODE integrates: `rate` f(t, y), and `linearised` J and P = I - gamma J at (t, y)."""
+
+    def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None: ...
+
+    def linearised(self, t: float, y: np.ndarray, gamma: float) -> Linearised: ...
+
+
 class Integrator:
     """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
 
-    `system` offers `rate(t, y, out)`, `times(v, out)` for J v, and the preconditioner's
-    `setup(t, y, gamma)` and `solve(r, z)`.  A failing callback's own error is raised, not CVODE's.
+    It holds the current linearisation, and `calls` counts what CVODE asks for.  A failing callback's own error is
+    raised, not CVODE's.
     """
 
-    def __init__(self, binding: str, system, tol: Tolerance):
+    def __init__(self, binding: str, system: System, tol: Tolerance):
+        self._system = system
+        self._linearised: Linearised | None = None  # until the first set-up
         self._fault: Exception | None = None
         self.steps, self.t = 0, 0.0
+        self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         make = _odes if binding == "scikits-odes" else _sundae
-        parts = (self._guard(f) for f in (system.rate, system.times, system.setup, system.solve))
-        self._start, self._advance, self._interpolate = make(*parts, tol)
+        asked = {"rate": system.rate, "times": self._times, "setup": self._setup, "solve": self._solve}
+        self._start, self._advance, self._interpolate = make(*(self._guard(*one) for one in asked.items()), tol=tol)
 
-    def _guard(self, callback):
+    def _setup(self, t: float, y: np.ndarray, gamma: float) -> None:
+        self._linearised = self._system.linearised(t, y, gamma)
+
+    def _times(self, v: np.ndarray, out: np.ndarray) -> None:
+        assert self._linearised is not None
+        self._linearised.times(v, out)
+
+    def _solve(self, r: np.ndarray, z: np.ndarray) -> None:
+        assert self._linearised is not None
+        self._linearised.solve(r, z)
+
+    def _guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
         def call(*args):
             if self._fault is not None:
                 raise self._fault
+            self.calls[name] += 1
             try:
                 return callback(*args)
             except Exception as fault:

@@ -1,23 +1,27 @@
-"""What presses where and what the contact makes of it, consistent with load and moment at every instant."""
+"""The interface: what presses where, what the contact makes of it, and how abrasion answers.
+
+Pressure is consistent with load and moment at every instant; contact laws are taken at that pressure.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux
+from flashtemp.solver import contact_flux, kernels_flows
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.winkler import Press
+from flashtemp.solver.winkler import Press, Response
 
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
-class Meeting(NamedTuple):
-    """Block and road at one instant: contact laws, fluxes and their slopes, and what the holder does."""
+class Contact(NamedTuple):
+    """Block and road at one instant: contact laws, what the holder does, and unless it is lifted, fluxes."""
 
     state: contact_flux.ContactState
     press: Press
@@ -25,17 +29,36 @@ class Meeting(NamedTuple):
     slopes: contact_flux.Slopes | None = None
 
 
-class Footprint:
-    """Pressure and contact laws under the block; keeps what has not changed since it was last asked."""
+@dataclass
+class Recent:
+    """What an interface was asked last, with the answers: the one thing of a system that calls change.
 
-    def __init__(self, balance: Balance):
-        self.b = balance
-        self.laws, self.mesh = balance.laws, balance.scene.mesh
-        self._when = self._shape = self._phi = self._kept = None
-        self._guess, self._mean = None, 0.0
+    A step asks for the same contact laws some five times, and Newton's iterations start best where the last ended:
+    without it a run takes half as long again.  An answer never depends on it by more than Newton's tolerance.
+    """
+
+    when: tuple = ()  # all that pressure and contact laws saw
+    shape: np.ndarray | None = None  # pressure over its mean (columns,)
+    fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
+    spread: tuple = ()
+    spot: np.ndarray | None = None  # temperature (columns,) K in the spots
+    friction: float = 0.0  # load-weighted, where the holder turns
+
+    def forget(self, when: tuple) -> None:
+        """Forget answers of laws that see something else now."""
+        if when != self.when:
+            self.when, self.shape, self.fraction = when, None, None
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Pressure and contact laws under the block of a balance."""
+
+    b: Balance
+    recent: Recent = field(default_factory=Recent)
 
     # --- pressure ------------------------------------------------------------------------------
-    def meet(self, now, worn, T, T_in, kf, slopes: bool = False) -> Meeting:
+    def contact(self, now, worn, T, T_in, kf, slopes: bool = False) -> Contact:
         """Settle the block, worn by `worn` (columns,) m, on the road and solve the contact.
 
         `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.  While the
@@ -49,23 +72,24 @@ class Footprint:
         press = b.foundation.settle(free, now.pressure, moment, turning)
         state = self.state(now, press.pressure)
         if not now.touching:
-            return Meeting(state, press)
-        out = self.fluxes(state, now, T, T_in, kf, slopes)
-        self._guess = np.real((out[0] if slopes else out).spot)
-        return Meeting(state, press, *(out if slopes else (out,)))
+            return Contact(state, press)
+        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
+        self.recent.spot = np.real(flux.spot)
+        return Contact(state, press, flux, slope)
 
     def _pressed(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
-        self._look(now)
-        if self._shape is None:
-            area = self.mesh.column_area
-            shape = laws_mean(self.laws, "contact.pressure", self.mesh, now)
-            self._shape = shape / (np.sum(shape * area) / np.sum(area))
-        return self._shape
+        self._recall(now)
+        shape = self.recent.shape
+        if shape is None:
+            mesh = self.b.scene.mesh
+            shape = laws_mean(self.b.laws, "contact.pressure", mesh, now)
+            shape = self.recent.shape = shape / (np.sum(shape * mesh.column_area) / np.sum(mesh.column_area))
+        return shape
 
     def _turning(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
-        compliance, arm = (self.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
+        compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         bed, width = self.b.foundation, self.b.scene.width
         turning = np.inf if compliance == 0 else 2.0 / (compliance * width * bed.stiffness * bed.length)
         return turning, arm * now.pressure * bed.dx.sum()
@@ -76,49 +100,49 @@ class Footprint:
 
         def found(trial, free, T, T_in, kf):
             press = bed.settle(free, now.pressure, moment * trial, turning)
-            flux = self.fluxes(self.state(now, press.pressure), now, T, T_in, kf)
+            flux, _ = self.fluxes(self.state(now, press.pressure), now, T, T_in, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
+        mean = self.recent.friction
         plain = np.real(free), np.real(T), np.real(T_in), np.real(kf)
         for _ in range(40):
-            got = found(self._mean + 1j * STEP, *plain)
+            got = found(mean + 1j * STEP, *plain)
             slope = 1.0 - got.imag / STEP
-            step = (got.real - self._mean) / slope
-            self._mean += step
-            if abs(step) <= 1e-8 * max(abs(self._mean), 1e-3):  # the next step would be its square
+            step = (got.real - mean) / slope
+            mean += step
+            if abs(step) <= 1e-8 * max(abs(mean), 1e-3):  # the next step would be its square
                 break
         else:
-            raise SolverFailure(f"friction {self._mean:.3g} and the tilt of the holder do not agree")
+            raise SolverFailure(f"friction {mean:.3g} and the tilt of the holder do not agree")
+        self.recent.friction = mean
         if any(np.iscomplexobj(a) for a in (free, T)):
-            return self._mean + (found(self._mean, free, T, T_in, kf) - self._mean) / slope
-        return self._mean
+            return mean + (found(mean, free, T, T_in, kf) - mean) / slope
+        return mean
 
     # --- contact laws --------------------------------------------------------------------------
-    def _look(self, now) -> None:
-        """Forget what was kept when something that the laws see has changed."""
-        mesh, D = self.mesh, self.b.scene.spot_diameter
-        if self.laws.restless or len(now.history.value) > 1:
-            when = (now.t,)
+    def _recall(self, now) -> None:
+        """Keep of `recent` what still holds."""
+        mesh, D = self.b.scene.mesh, self.b.scene.spot_diameter
+        if self.b.laws.restless or len(now.history.value) > 1:
+            self.recent.forget((now.t,))
         else:  # nothing changes once spots and lanes have crossed the block
             age = min(now.contact_time - now.waited, mesh.x[mesh.last] / now.last_speed)
-            when = (now.pressure, now.touching, min(now.slid, D), age, now.waited)
-        if when != self._when:
-            self._when, self._shape, self._phi = when, None, None
+            self.recent.forget((now.pressure, now.touching, min(now.slid, D), age, now.waited))
 
     def state(self, now, local) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa."""
-        self._look(now)
-        laws = self.laws
-        now = now._replace(x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=local)
+        self._recall(now)
+        laws, mesh, recent = self.b.laws, self.b.scene.mesh, self.recent
+        now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=local)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
-        if self._phi is None or phi.dtype != self._phi.dtype or not np.array_equal(phi, self._phi):
-            area = self.mesh.column_area
-            covered = phi @ area / area.sum()
+        last = recent.fraction
+        if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
+            covered = phi @ mesh.column_area / mesh.column_area.sum()
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
-            self._phi, self._kept = phi, (covered, *self._spread(seen))
-        covered, flash, deep, lane = self._kept
+            recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
+        covered, flash, deep, lane = recent.spread
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
@@ -131,10 +155,10 @@ class Footprint:
 
     def _resolved(self, state, now) -> contact_flux.ContactState:
         """The state where spots cover their columns one by one instead of on average, and carry the load together."""
-        w = self.laws("contact.resolved", 0.0, None, now)
+        w = self.b.laws("contact.resolved", 0.0, None, now)
         if w == 0.0:
             return state
-        cover, area = self.laws("contact.cover", 0.0, None, now), self.mesh.column_area
+        cover, area = self.b.laws("contact.cover", 0.0, None, now), self.b.scene.mesh.column_area
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; give more or larger spots")
@@ -154,7 +178,7 @@ class Footprint:
 
     def _spread(self, now):
         """Flash resistances of surface and depth, and the factor on the lanes' rise: these see phi only."""
-        laws, one = self.laws, np.ones(len(now.x))
+        laws, one = self.b.laws, np.ones(len(now.x))
         flash = laws("contact.flash_resistance", 0.0, None, now) * one
         deep = 0.0 * one
         if flash.any():
@@ -164,19 +188,24 @@ class Footprint:
 
     def lanes(self, state, now) -> np.ndarray:
         """Factor on the rise of the lanes (n_lines,), also before and behind the block."""
-        every = self.at(state, now)._replace(x=self.mesh.x_centre)
-        return self.laws("road.lane_rise", 1.0, None, every) * np.ones(self.mesh.n_lines)
+        mesh = self.b.scene.mesh
+        every = self.at(state, now)._replace(x=mesh.x_centre)
+        return self.b.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
 
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
+        mesh = self.b.scene.mesh
         return now._replace(
-            x=self.mesh.column_x, y=self.mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi,
+            x=mesh.column_x, y=mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi,
             covered=state.covered,
         )  # fmt: skip
 
     def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
-        """Interface fluxes at rises T (cells,) with road entering at T_in (n_road,); see contact.solve."""
-        b, laws, ambient = self.b, self.laws, self.b.scene.ambient
+        """Interface fluxes, with `slopes` their slopes, else None, at rises T (cells,) with road entering at T_in.
+
+        See `contact_flux.solve`.
+        """
+        b, laws, mesh, ambient = self.b, self.b.laws, self.b.scene.mesh, self.b.scene.ambient
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
@@ -194,17 +223,88 @@ class Footprint:
             state,
             T[b.cell_block] + ambient,
             T[b.cell_road] + ambient,
-            np.tile(T_in[-self.mesh.n_across :], self.mesh.last - self.mesh.first) + ambient,
+            np.tile(T_in[-mesh.n_across :], mesh.last - mesh.first) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
             law("friction.mu", 0.0),
             law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
-            self._guess,
+            self.recent.spot,
             slopes,
         )
 
     # --- abrasion ------------------------------------------------------------------------------------
-    def abrasion_rate(self, meeting: Meeting, now) -> np.ndarray:
+    def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
-        at = self.at(meeting.state, now)._replace(friction=meeting.flux.mu)
-        return now.speed * self.laws("block.abrasion", 0.0, meeting.flux.spot, at) * np.ones(len(at.x))
+        at = self.at(state, now)._replace(friction=flux.mu)
+        return now.speed * self.b.laws("block.abrasion", 0.0, flux.spot, at) * np.ones(len(at.x))
+
+    def abrasion_coupling(self, contact: Contact, now, T, T_in, kf, gamma: float) -> AbrasionCoupling:
+        """Around a contact with slopes, at rises T (cells,), for the preconditioner of I - gamma J."""
+        b, area, flux, d = self.b, self.b.scene.mesh.column_area, contact.flux, contact.slopes
+        assert flux is not None
+        assert d is not None
+        state = self.state(now, contact.press.pressure + 1j * STEP)
+        pressed, _ = self.fluxes(state, now, T, T_in, kf)
+        road = pressed.into_road * area
+        abrasion = _slope(self.abrasion_rate(state, pressed, now))
+        spot, mu = (
+            _slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
+            for k, v in (("spot", flux.spot), ("mu", flux.mu))
+        )
+        response = b.foundation.response(contact.press)
+        return AbrasionCoupling(
+            b,
+            face=_slope(state.block * pressed.into_block * area),
+            deep=_slope(state.block * pressed.deep * area),
+            books=(_slope(state.block * pressed.heat * area), _slope(state.block * road), _slope(state.road * road)),
+            abrasion=abrasion,
+            warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
+            response=response,
+            undo=response.solver(gamma * abrasion),
+        )
+
+
+def _slope(values) -> np.ndarray:
+    """The derivative that a complex step carried along."""
+    return np.imag(values) / STEP
+
+
+@dataclass(frozen=True)
+class AbrasionCoupling:
+    """The linearised way from abrasion to pressure to heat, and back: for Newton's method and its preconditioner.
+
+    Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `books` of
+    friction, heat into the road and into its lanes (W/m), `abrasion` of its rate; `warm` slopes of that rate with the
+    temperatures of block and road.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
+    """
+
+    b: Balance
+    face: np.ndarray
+    deep: np.ndarray
+    books: tuple[np.ndarray, np.ndarray, np.ndarray]
+    abrasion: np.ndarray
+    warm: tuple[Any, ...]
+    response: Response
+    undo: Callable[[np.ndarray], np.ndarray]
+
+    def pressure(self, worn: np.ndarray) -> np.ndarray:
+        """Change of pressure (columns,) Pa by a change of the worn depth in the state."""
+        return self.response(worn * self.b.worn_unit)
+
+    def heated(self, block: np.ndarray, road: np.ndarray) -> np.ndarray:
+        """Change of the abrasion rate by changes of the first cells' temperatures (columns,) K."""
+        return self.warm[0] * block + self.warm[1] * road
+
+    def add(self, dp: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:
+        """Add what a change of pressure dp (columns,) does to the rate of cells, worn depth and ledger."""
+        b = self.b
+        heat = np.zeros(b.n)
+        heat[b.cell_block] = scale * self.face * dp
+        heat[b.cell_road] = scale * self.books[2] * dp
+        if len(b.weight):
+            kernels_flows.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
+        mesh = b.scene.mesh
+        mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
+        out[b.worn] += scale / b.worn_unit * self.abrasion * dp
+        for name, slope in zip(("friction", "into_road", "lane_in"), self.books, strict=True):
+            out[b.entry[name]] += scale * (slope @ dp)

@@ -11,11 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.march import Progress, Settings, finish, inflow, lap_memory, leave, march, record, restart
+from flashtemp.solver.circular_track import inflow, leave, track_of
+from flashtemp.solver.march import Path, march, restart
+from flashtemp.solver.progress import Progress
+from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import Linearised, System
 
 FIRST, MOST = 1e-3, 0.1  # first and longest step, in lengths of a stretch
 CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
@@ -80,12 +84,7 @@ class _Neighbour:
         self.m, self.s = m, np.zeros(m)
         if step:
             self.s = (own[:m] - start[:m]) / step
-        self.now = Progress(y=own, left=np.zeros(2), track=lap_memory(self.scene) if remembers else None)
-        self.stage = None
-
-    def begin(self, phase) -> None:
-        self.stage = Stage(self.balance, phase, inflow(self.scene, phase, self.now.track))
-        self.out = np.zeros(self.balance.size)
+        self.now = Progress(y=own, left=np.zeros(2), track=track_of(self.scene) if remembers else None)
 
     def state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """The neighbour's own state beside a state of the run; its ledger is not kept."""
@@ -93,26 +92,40 @@ class _Neighbour:
         own[: self.m] = y[: self.m] + self.step * s
         return own
 
-    def rate(self, t: float, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Rates of cells and worn depth."""
-        self.stage.rate(t, self.state(y, s), self.out)
-        return self.out[: self.m]
-
-    def record(self, t, y, s, frame: bool) -> None:
-        record(self.balance, self.stage, t, self.state(y, s), self.now, frame, float)
-
-    def leave(self, t, y, s) -> None:
-        if self.now.track is not None:
-            leave(self.scene, self.stage, t, self.state(y, s), self.now.track)
+    def during(self, phase) -> _During:
+        """The neighbour during one phase of the schedule."""
+        system = System(self.balance, phase, inflow(self.scene, phase, self.now.track))
+        return _During(self, system, np.zeros(self.balance.size))
 
     def restart(self, before, y, s) -> np.ndarray:
         """The state (cells and worn depth) after the road was made new."""
         self.now.y = self.state(y, s)
-        restart(self.scene, self.balance, before, self.now)
+        restart(self.balance, before, self.now)
         return self.now.y[: self.m]
 
     def run(self, title: str) -> Run:
-        return finish(self.scene, self.balance, self.now, title)
+        return finish(self.balance, self.now, title)
+
+
+@dataclass(frozen=True)
+class _During:
+    """A neighbour `of` a run during one phase, with room `out` for its rates."""
+
+    of: _Neighbour
+    system: System
+    out: np.ndarray
+
+    def rate(self, t: float, y: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Rates of cells and worn depth."""
+        self.system.rate(t, self.of.state(y, s), self.out)
+        return self.out[: self.of.m]
+
+    def record(self, t, y, s, frame: bool) -> None:
+        record(self.system, t, self.of.state(y, s), self.of.now, frame, float)
+
+    def leave(self, t, y, s) -> None:
+        if self.of.now.track is not None:
+            leave(self.system, t, self.of.state(y, s), self.of.now.track)
 
 
 class Neighbours:
@@ -141,9 +154,10 @@ class Neighbours:
         for one in live:
             if phase.begin <= one.since and one.now.track is not None and level.now.track is not None:
                 one.now.track = replace(one.now.track, **{k: list(getattr(level.now.track, k)) for k in KEPT})
-        for one in (level, *live):
-            one.begin(phase)
-        self._integrate(phase, _Path(path), level, live, times)
+        S = np.array([one.s for one in live]).reshape(len(live), level.m)
+        S = _integrate(phase, _Path(path), level.during(phase), [one.during(phase) for one in live], S, times)
+        for k, one in enumerate(live):
+            one.s = S[k]
         for one in idle:  # what the run recorded holds for them too
             _copy(level.now, one.now, phase)
 
@@ -155,58 +169,68 @@ class Neighbours:
         kept |= {own[-1]} | ({0.0} & set(own))
         return [(t, t in self.asked or t == 0.0) for t in own if t in self.asked or t in kept]
 
-    def _integrate(self, phase, path, level, live, times) -> None:
-        S = np.array([one.s for one in live]).reshape(len(live), level.m)
-        begin, size = S, 0.05 * np.abs(S).max(axis=1, initial=0.0)
-        size = np.maximum(size, [TINY / abs(one.step) for one in live])
-        old, before = None, 0.0
-        t, span = phase.begin, phase.end - phase.begin
-        h, times = FIRST * span, list(times)
-        if times and times[0][0] <= t:
-            self._record(path, level, live, times.pop(0), S)
-        while t < phase.end:
-            if phase.end - t < 1.5 * h:
-                h = phase.end - t
-            new = phase.end if h == phase.end - t else t + h
-            y, w = path(new), h / before if before else 0.0
-            gamma = h * (1 + w) / (1 + 2 * w)
-            guess = S + w * (S - old) if before else S
-            known = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
-            start = level.rate(new, y, level.s)
-            R = np.empty_like(S)
-            for k, one in enumerate(live):
-                R[k] = known[k] + gamma * (one.rate(new, y, guess[k]) - start) / one.step - guess[k]
-            level.stage.setup(new, level.state(y, level.s), gamma)
-            change = solve(level.stage, R)
-            after = guess + change
-            while times and times[0][0] <= new * (1 + 1e-12):
-                at = times.pop(0)
-                self._record(path, level, live, at, _between(at[0], (t - before, t, new), (old, S, after)))
-            old, S, before = S, after, h
-            for k, one in enumerate((level, *live)):
-                if phase.sliding:
-                    one.leave(new, y, S[k - 1] if k else level.s)
-            size = np.maximum(size, np.abs(S - begin).max(axis=1, initial=0.0))
-            moved = np.abs(change).max(axis=1, initial=0.0) / size
-            error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-            t = new
-            h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST * span)
-        for k, one in enumerate(live):
-            one.s = S[k]
 
-    @staticmethod
-    def _record(path, level, live, at, S) -> None:
-        t, frame = at
-        y = path(t)
-        level.record(t, y, level.s, frame)
-        for k, one in enumerate(live):
-            one.record(t, y, S[k], frame)
+def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times) -> np.ndarray:
+    """Differences (k, cells and worn depth) of live neighbours at the end of a stretch; S those at its start."""
+    begin, size = S, 0.05 * np.abs(S).max(axis=1, initial=0.0)
+    size = np.maximum(size, [TINY / abs(one.of.step) for one in live])
+    old, before = S, 0.0
+    t, span = phase.begin, phase.end - phase.begin
+    h, times = FIRST * span, list(times)
+    if times and times[0][0] <= t:
+        _record(path, level, live, times.pop(0), S)
+    while t < phase.end:
+        if phase.end - t < 1.5 * h:
+            h = phase.end - t
+        new = phase.end if h == phase.end - t else t + h
+        after, change = _step(path(new), new, h, before, (old, S), level, live)
+        while times and times[0][0] <= new * (1 + 1e-12):
+            at = times.pop(0)
+            _record(path, level, live, at, _between(at[0], (t - before, t, new), (old, S, after)))
+        old, S, before = S, after, h
+        if phase.sliding:
+            y = path(new)
+            level.leave(new, y, level.of.s)
+            for one, s in zip(live, S, strict=True):
+                one.leave(new, y, s)
+        size = np.maximum(size, np.abs(S - begin).max(axis=1, initial=0.0))
+        moved = np.abs(change).max(axis=1, initial=0.0) / size
+        error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
+        t = new
+        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST * span)
+    return S
+
+
+def _step(y, new: float, h: float, before: float, last, level: _During, live: list[_During]):
+    """Differences after a step h (s) of BDF2 to the time `new`, where the run is at y, and Newton's correction.
+
+    `last` differences before and after the step `before`; that is 0 for the first step, which is Euler's.
+    """
+    old, S = last
+    w = h / before if before else 0.0
+    gamma = h * (1 + w) / (1 + 2 * w)
+    guess = S + w * (S - old) if before else S
+    known = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
+    start = level.rate(new, y, level.of.s)
+    R = np.empty_like(S)
+    for k, one in enumerate(live):
+        R[k] = known[k] + gamma * (one.rate(new, y, guess[k]) - start) / one.of.step - guess[k]
+    change = solve(level.system.linearised(new, level.of.state(y, level.of.s), gamma), level.system.b.size, R)
+    return guess + change, change
+
+
+def _record(path: _Path, level: _During, live: list[_During], at, S) -> None:
+    t, frame = at
+    y = path(t)
+    level.record(t, y, level.of.s, frame)
+    for one, s in zip(live, S, strict=True):
+        one.record(t, y, s, frame)
 
 
 class _Path:
     """States of the run at any time of a stretch, linear between its steps."""
 
-    def __init__(self, path):
+    def __init__(self, path: Path):
         self.t, self.y = np.array([t for t, _ in path]), [y for _, y in path]
 
     def __call__(self, t: float) -> np.ndarray:
@@ -218,7 +242,7 @@ class _Path:
 def _between(t: float, at, S) -> np.ndarray:
     """The parabola through three steps, or the line through two."""
     (a, b, c), (A, B, C) = at, S
-    if A is None:
+    if a == b:
         return B + (t - b) / (c - b) * (C - B)
     first, second = (B - A) / (b - a), (C - B) / (c - b)
     return B + (t - b) * (second + (t - c) * (second - first) / (c - a))
@@ -237,15 +261,15 @@ def _copy(source: Progress, target: Progress, phase) -> None:
                 target.records.setdefault(name, []).append(source.records[name][i])
 
 
-def solve(stage: Stage, R: np.ndarray) -> np.ndarray:
+def solve(at: Linearised, size: int, R: np.ndarray) -> np.ndarray:
     """(1 - gamma J)^-1 R for many right-hand sides (k, cells and worn depth), by one sweep of the preconditioner each.
 
     The next step's prediction starts from the result, so that a second sweep changes traces by 0.02 % only.
     """
     X = np.empty_like(R)
-    r, z = np.zeros(stage.b.size), np.zeros(stage.b.size)
+    r, z = np.zeros(size), np.zeros(size)
     for k in range(len(R)):
         r[: R.shape[1]] = R[k]
-        stage.solve(r, z)
+        at.solve(r, z)
         X[k] = z[: R.shape[1]]
     return X

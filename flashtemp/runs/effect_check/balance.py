@@ -15,7 +15,7 @@ from flashtemp.runs.effect_check.findings import Finding
 from flashtemp.runs.effect_check.scenes import RICH, SHAPES, Bench, Trial
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.run import Run
-from flashtemp.solver.system import Stage
+from flashtemp.solver.system import System
 
 LEAK = 1e-12  # relative heat imbalance of a run that rounding may leave
 ROUNDING = 1e-13  # the same of one product
@@ -102,8 +102,8 @@ def rich(bench: Bench, trial: Trial | None, shape: str) -> dict[str, Any]:
     return values
 
 
-def states(scene) -> Iterator[tuple[Balance, Stage, float, np.ndarray, np.random.Generator]]:
-    """Balance with a stage in the middle of sliding and of waiting, at a random smooth state."""
+def states(scene) -> Iterator[tuple[Balance, System, float, np.ndarray, np.random.Generator]]:
+    """Balance with a system in the middle of sliding and of waiting, at a random smooth state."""
     balance = Balance(scene)
     mesh = scene.mesh
     carried = np.linspace(0.1, 1.0, mesh.n_road * mesh.n_across)
@@ -115,7 +115,7 @@ def states(scene) -> Iterator[tuple[Balance, Stage, float, np.ndarray, np.random
         y[: balance.n] = balance.enthalpy(smooth(mesh, rng))
         if balance.abrades:  # the pressure varies by 15 %
             y[balance.worn] = 3 * np.cos(3 * mesh.column_x / 0.025 + 20 * mesh.column_y)
-        yield balance, Stage(balance, phase, inflow), 0.5 * (phase.begin + phase.end), y, rng
+        yield balance, System(balance, phase, inflow), 0.5 * (phase.begin + phase.end), y, rng
 
 
 def direction(balance: Balance, cells: np.ndarray, rng) -> np.ndarray:
@@ -131,18 +131,18 @@ def parts(balance: Balance) -> tuple[slice, slice, slice]:
     return slice(0, balance.n), balance.worn, balance.books
 
 
-def product(balance: Balance, stage: Stage, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
+def product(balance: Balance, system: System, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
     """J v by one complex step."""
     out = np.zeros(balance.size, dtype=complex)
-    stage.rate(t, y + 1j * STEP * v, out)
+    system.rate(t, y + 1j * STEP * v, out)
     return out.imag / STEP
 
 
-def by_differences(balance: Balance, stage: Stage, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
+def by_differences(balance: Balance, system: System, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
     """J v by a central difference of 1 mK."""
     up, down = np.zeros(balance.size), np.zeros(balance.size)
-    stage.rate(t, y + 1e-3 * v, up)
-    stage.rate(t, y - 1e-3 * v, down)
+    system.rate(t, y + 1e-3 * v, up)
+    system.rate(t, y - 1e-3 * v, down)
     return (up - down) / 2e-3
 
 
@@ -161,10 +161,10 @@ def heat_weights(balance: Balance, share: float) -> np.ndarray:
 def jacobian(bench: Bench, trial: Trial | None, shape: str) -> Finding:
     """The complex step gives the derivative that differences give, in the whole balance."""
     worst = 0.0
-    for balance, stage, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
+    for balance, system, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
         for cells in (smooth(balance.scene.mesh, rng) - 8, rng.normal(size=balance.n)):
             v = direction(balance, cells, rng)
-            J, by = product(balance, stage, t, y, v), by_differences(balance, stage, t, y, v)
+            J, by = product(balance, system, t, y, v), by_differences(balance, system, t, y, v)
             for part in parts(balance):
                 bound = 1e-9 * np.abs(J[part]).max() + 1e-6 * np.abs(by[part])
                 worst = max(worst, _over(np.abs(J[part] - by[part]), bound))
@@ -177,12 +177,11 @@ def jacobian(bench: Bench, trial: Trial | None, shape: str) -> Finding:
 def linearisation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
     """What the solver takes for J v is J v, but for the slope of k(T) and of abrasion: those by little."""
     worst = 0.0
-    for balance, stage, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
+    for balance, system, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
         bent = balance.nonlinear_conductivity or balance.abrades  # lanes and gaps follow the mean contact fraction
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
-        J, out = product(balance, stage, t, y, v), np.zeros(balance.size)
-        stage.setup(t, y, 1e-2)
-        stage.times(v, out)
+        J, out = product(balance, system, t, y, v), np.zeros(balance.size)
+        system.linearised(t, y, 1e-2).times(v, out)
         for part in parts(balance):
             bound = (0.03 if bent else 1e-10) * np.linalg.norm(J[part])
             worst = max(worst, _over(np.linalg.norm((out - J)[part]), bound))
@@ -195,16 +194,16 @@ def linearisation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
 def conservation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
     """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
     worst = 0.0
-    for balance, stage, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
+    for balance, system, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
         out, r = np.zeros(balance.size), rng.normal(size=balance.size)
         w = heat_weights(balance, balance.share)
-        stage.rate(t, y, out)
+        system.rate(t, y, out)
         worst = max(worst, _over(abs(w @ out), ROUNDING * np.abs(w * out).sum()))
         for gamma in (1e-4, 1e-2, 1.0):
-            stage.setup(t, y, gamma)
-            stage.times(r, out)
+            at = system.linearised(t, y, gamma)
+            at.times(r, out)
             worst = max(worst, _over(abs(w @ out), ROUNDING * np.abs(w * out).sum()))
-            stage.solve(r, out)
+            at.solve(r, out)
             worst = max(worst, _over(abs(w @ out - w @ r), ROUNDING * np.abs(w * r).sum()))
     says = "every linear step conserves heat to rounding"
     if not worst <= 1.0:

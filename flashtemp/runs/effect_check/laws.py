@@ -92,12 +92,12 @@ def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespa
         own = next(a for a in scene.acting if a.name == trial.name)
         note = Overheard(own.effect, trial.file)
         acting = tuple(Acting(a.name, note, a.p) if a is own else a for a in scene.acting)
-        for balance, stage, t, y, _ in states(replace(scene, acting=acting)):
+        for balance, system, t, y, _ in states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
-            stage.rate(t, y, out)
-            stage.footprint.lanes(stage.meet(stage.moment(t), y).state, stage.moment(t))
+            system.rate(t, y, out)
+            system.interface.lanes(system.contact(system.moment(t), y).state, system.moment(t))
             for q in note.questions:
-                kept.setdefault((q.number, shape, stage.phase.sliding), q)
+                kept.setdefault((q.number, shape, system.phase.sliding), q)
             note.questions.clear()
     return list(kept.values()), own.p, scene
 

@@ -140,8 +140,8 @@ def parts() -> None:
         return run
 
     for module, names in (
-        (kernels_sweep, ("factorise", "sweep", "lift")),
-        (kernels_flows, ("flows_across", "add_slopes", "exchange")),
+        (kernels_sweep, ("factorise", "sweep")),
+        (kernels_flows, ("flows_across", "lift", "add_slopes", "exchange")),
     ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))

@@ -212,4 +212,4 @@ class LinearisedSlab(LinearisedPlane):
             kept = (lines.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
         cells, weights = self.arrives
         missing = given - kept + self.gamma * (weights @ z[cells])
-        kernels_sweep.lift(lines.start, lines.m, missing / self.holds, planes)
+        kernels_flows.lift(lines.start, lines.m, missing / self.holds, planes)

@@ -218,3 +218,12 @@ def deposit(block, weight, power, rate):
     for i in range(block.shape[0]):
         for k in range(len(weight)):
             rate[block[i, k]] += weight[k] * power[i]
+
+
+@njit(cache=True)
+def lift(start, m, rise, z):
+    """Add `rise` to all cells (of a plane, planes) of the block."""
+    for i in range(len(start) - 1):
+        for c in range(start[i] + m, start[i + 1]):
+            for j in range(z.shape[1]):
+                z[c, j] += rise

@@ -206,13 +206,22 @@ def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
 
 
 @njit(cache=True)
+def _solve_line(i, o, lines, factors, crossing, gamma, z):
+    """`line_solve` of line i, z starting at o."""
+    a, size = lines.start[i], lines.start[i + 1] - lines.start[i]
+    at = i - lines.first if size > lines.m else 0
+    up, down, under, over = crossing.up[at], crossing.down[at], crossing.under[at], crossing.over[at]
+    line_solve(o, a, size, lines.m, gamma, up, down, under, over, factors.inv, factors.mul, z)
+
+
+@njit(cache=True)
 def sweep(lines, factors, crossing, gamma, r, z):
     """z = P^-1 (capacity r): lines solved in the direction of sliding, then corrected back; nothing flows across.
 
     Returns, in 3D, the heat (J per metre of width, rows counted with their `weight`) in r and in z.
     """
     start, m, capacity = lines.start, lines.m, lines.capacity
-    inv, mul, low, low2, high = factors
+    low, low2, high = factors.low, factors.low2, factors.high
     n = len(start) - 1
     longest, given, kept = 0, 0.0, 0.0
     for i in range(n):
@@ -230,11 +239,7 @@ def sweep(lines, factors, crossing, gamma, r, z):
         if r.ndim == 2:
             for c in range(a, b):
                 given += lines.weight[c] * capacity[c] * _mean(r, c, lines.share)
-        at = i - lines.first if size > m else 0
-        line_solve(
-            a, a, size, m, gamma, crossing.up[at], crossing.down[at], crossing.under[at], crossing.over[at],
-            inv, mul, z,
-        )  # fmt: skip
+        _solve_line(i, a, lines, factors, crossing, gamma, z)
     work = np.empty_like(z[:longest])
     for i in range(n - 2, -1, -1):
         a, b = start[i], start[i + 1]
@@ -243,26 +248,13 @@ def sweep(lines, factors, crossing, gamma, r, z):
         for k in range(top):
             _product(work, k, high[a + k], z, b + k)
         work[top:size] = 0.0
-        at = i - lines.first if size > m else 0
-        line_solve(
-            0, a, size, m, gamma, crossing.up[at], crossing.down[at], crossing.under[at], crossing.over[at],
-            inv, mul, work,
-        )  # fmt: skip
+        _solve_line(i, 0, lines, factors, crossing, gamma, work)
         for k in range(size):
             _minus(z, a + k, work, k)
     if r.ndim == 2:
         for c in range(start[n]):
             kept += lines.weight[c] * capacity[c] * _mean(z, c, lines.share)
     return given, kept
-
-
-@njit(cache=True)
-def lift(start, m, rise, z):
-    """Add `rise` to all cells (of a plane, planes) of the block."""
-    for i in range(len(start) - 1):
-        for c in range(start[i] + m, start[i + 1]):
-            for j in range(z.shape[1]):
-                z[c, j] += rise
 
 
 # --- factors --------------------------------------------------------------------------------------------

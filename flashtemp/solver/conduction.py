@@ -9,8 +9,7 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.solver import kernels_flows, kernels_sweep
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.kernels_flows import Walls
-from flashtemp.solver.kernels_sweep import Crossing, Factors, Lines, Transport
+from flashtemp.solver.kernel_arrays import Crossing, Factors, Lines, Transport, Walls
 
 Rows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: cells and slopes, W/(m K)
 

@@ -6,30 +6,8 @@ the temperatures, so complex arrays pass through and give exact derivatives.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
-
-
-class Walls(NamedTuple):
-    """What conducts between the cells of many planes.
-
-    While conductivity is constant all planes share the conductances `gx`, `gz` (`face_conductances`) and `gy` = k dx dz
-    (n_plane,), and `factor` is (n_plane,); else `factor` k/k_reference is (n_plane, planes), and half-cell resistances
-    `half_x`, `half_z` count.  `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at the side walls;
-    `dy` (planes,) m.
-    """
-
-    gx: np.ndarray
-    gz: np.ndarray
-    gy: np.ndarray
-    half_x: np.ndarray
-    half_z: np.ndarray
-    factor: np.ndarray
-    dy: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
 
 
 @njit(cache=True)
@@ -59,7 +37,7 @@ def face_conductances(start, m, half_x, half_z, factor, gx, gz):
 def heat_flows(lines, gx, gz, carry, T, h, T_in, h_in, rate):
     """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
 
-    `lines` as in `kernels_sweep`, `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of
+    `lines` as in `kernel_arrays`, `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of
     the road's cells (W/(m K)), `T_in`, `h_in` (m,) rises of the entering road.
     """
     start, m, slope, g_in = lines.start, lines.m, lines.slope, lines.g_in

@@ -1,0 +1,76 @@
+"""What the compiled loops are given: arrays bundled by what they belong to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Lines(NamedTuple):
+    """The depth lines of one plane (`mesh.Mesh`) and what never changes on them.
+
+    The block stands on lines from `first` on.  `capacity` rho c V (n_plane,) J/(m K) per metre across, `slope`
+    second-order upwind weights (lines,), `g_in` (m,) conductance of the entering road to the first line, `weight`
+    (n_plane,) with which a cell's heat counts: the lanes' share of the width in the road; `share` (planes,) of it.
+    """
+
+    start: np.ndarray
+    m: int  # road cells of every line
+    first: int
+    capacity: np.ndarray
+    slope: np.ndarray
+    g_in: np.ndarray
+    weight: np.ndarray
+    share: np.ndarray
+
+
+class Transport(NamedTuple):
+    """Conductances `gx`, `gz` W/(m K) (`kernels_flows.face_conductances`), `carry` rho c v dz (m,), `stretch` dh/dT."""
+
+    gx: np.ndarray
+    gz: np.ndarray
+    carry: np.ndarray
+    stretch: np.ndarray
+
+
+class Factors(NamedTuple):
+    """Of P, each (n_plane,): 1/pivot, elimination factors, couplings one and two lines upstream and one downstream."""
+
+    inv: np.ndarray
+    mul: np.ndarray
+    low: np.ndarray
+    low2: np.ndarray
+    high: np.ndarray
+
+
+class Crossing(NamedTuple):
+    """The interface in P, each (lines under the block,) or (lines under the block, planes).
+
+    `up` d(road heat)/d(block T), `down` d(block heat)/d(road T) in W/(m K), `under`, `over` 1/pivot of road and block.
+    """
+
+    up: np.ndarray
+    down: np.ndarray
+    under: np.ndarray
+    over: np.ndarray
+
+
+class Walls(NamedTuple):
+    """What conducts between the cells of many planes.
+
+    While conductivity is constant all planes share the conductances `gx`, `gz` (`kernels_flows.face_conductances`) and `gy` = k dx dz
+    (n_plane,), and `factor` is (n_plane,); else `factor` k/k_reference is (n_plane, planes), and half-cell resistances
+    `half_x`, `half_z` count.  `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at the side walls;
+    `dy` (planes,) m.
+    """
+
+    gx: np.ndarray
+    gz: np.ndarray
+    gy: np.ndarray
+    half_x: np.ndarray
+    half_z: np.ndarray
+    factor: np.ndarray
+    dy: np.ndarray
+    before: np.ndarray
+    after: np.ndarray

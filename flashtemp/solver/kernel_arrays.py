@@ -59,10 +59,10 @@ class Crossing(NamedTuple):
 class Walls(NamedTuple):
     """What conducts between the cells of many planes.
 
-    While conductivity is constant all planes share the conductances `gx`, `gz` (`kernels_flows.face_conductances`) and `gy` = k dx dz
-    (n_plane,), and `factor` is (n_plane,); else `factor` k/k_reference is (n_plane, planes), and half-cell resistances
-    `half_x`, `half_z` count.  `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at the side walls;
-    `dy` (planes,) m.
+    While conductivity is constant all planes share the conductances `gx`, `gz` (as in `Transport`) and `gy` = k dx dz
+    (n_plane,), and `factor` has one dimension; else `factor` k/k_reference is (n_plane, planes), and the half-cell
+    resistances `half_x`, `half_z` count.  `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at
+    the side walls; `dy` (planes,) m.
     """
 
     gx: np.ndarray

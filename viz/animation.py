@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from contextlib import suppress
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -106,9 +107,10 @@ def _mp4(path: Path, pictures, ms: list[int]) -> None:
     target = ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p", str(path)]
     command = ["ffmpeg", "-loglevel", "error", "-y", *source, *target]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        pipe = cast(IO[bytes], process.stdin)
         with suppress(BrokenPipeError):  # ffmpeg has given up and says why
             for picture, duration in zip(pictures, ms, strict=True):
-                process.stdin.write(picture.tobytes() * max(1, round(1e-3 * duration * RATE)))
+                pipe.write(picture.tobytes() * max(1, round(1e-3 * duration * RATE)))
         _, said = process.communicate()
     if process.returncode:
         words = said.decode(errors="replace").strip().splitlines() or ["it does not say why"]

@@ -86,7 +86,7 @@ def _bodies(ax, run, cells: np.ndarray, norm, up: float, down: float):
 
 def _body(ax, values, x_cell, z_cell, x_ends, far: float, norm):
     """One body, values (lines, cells from the contact outwards); `far` < 0 is the road (m)."""
-    x = np.linspace(*x_ends, COLUMNS + 1)
+    x = np.linspace(x_ends[0], x_ends[1], COLUMNS + 1)
     z = np.linspace(0.0, abs(far), ROWS + 1)
     T = between(values, x_cell, 0.5 * (x[1:] + x[:-1]))
     T = between(T.T, z_cell, 0.5 * (z[1:] + z[:-1]))

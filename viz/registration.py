@@ -34,11 +34,12 @@ def draw(recording, block=None) -> Figure:
         interpolation="nearest",
     )
     ax.set_facecolor("#D0D0D0")  # dead pixels
-    fig.colorbar(shown, cax=ax.inset_axes([1.02, 0, 0.025, 1]), label=f"temperature, {DEGREE}")
+    fig.colorbar(shown, cax=ax.inset_axes((1.02, 0, 0.025, 1)), label=f"temperature, {DEGREE}")
     _outline(ax, recording.view, block)
     low, high = (edges[0], edges[2]), (edges[1], edges[3])
     if block is not None and recording.view == "sidewall":
-        low, high = np.minimum(low, (-1.0, -0.5)), np.maximum(high, (1e3 * block[0] + 1.0, edges[3]))
+        low = min(low[0], -1.0), min(low[1], -0.5)
+        high = max(high[0], 1e3 * block[0] + 1.0), high[1]
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_xlabel("u = x from the leading edge, mm")

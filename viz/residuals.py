@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -45,7 +46,9 @@ def plain(text: str) -> str:
     return str(text).replace("$", r"\$")
 
 
-def figure(entry, width: float, height: float, layout: str = "constrained") -> Figure:
+def figure(
+    entry, width: float, height: float, layout: Literal["constrained", "compressed", "tight"] = "constrained"
+) -> Figure:
     """An empty figure (inches) that names a recording or a trace and its condition."""
     fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
     what = VIEWS[entry.recording.view] if hasattr(entry, "recording") else "friction"

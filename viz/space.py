@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -64,12 +65,12 @@ def plotter(fields, t: float, off: bool = True):
     seen = parts(fields, t)
     norm = limits(fields, t)
     style = {"scalars": "T", "cmap": theme.temperature_map(), "clim": norm, "lighting": False}
-    bar = {
+    bar: Any = {
         "title": f"temperature ({theme.DEGREE})", "vertical": True, "color": INK, "n_labels": 5, "fmt": "%.0f",
         "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
         "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
-    plot = pv.Plotter(off_screen=off, window_size=SIZE)
+    plot = pv.Plotter(off_screen=off, window_size=list(SIZE))
     plot.set_background(PAPER)
     road, whole = _grid(*seen["road"]), _grid(*seen["block"])
     plot.add_mesh(road, **style, scalar_bar_args=bar)
@@ -165,6 +166,6 @@ def plain(fields, t: float) -> Figure:
     ax.view_init(32, -70)
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
     fig.text(0.02, 0.03, f"t = {theme.number(float(moment))} s")
-    bar = {"shrink": 0.6, "pad": 0.05, "location": "left"}
-    fig.colorbar(ScalarMappable(norm, colour), ax=ax, label=f"temperature ({theme.DEGREE})", **bar)
+    label = f"temperature ({theme.DEGREE})"
+    fig.colorbar(ScalarMappable(norm, colour), ax=ax, label=label, shrink=0.6, pad=0.05, location="left")
     return fig

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,8 +35,8 @@ ORDER = ("sidewall", "wake", "profile")
 class Pair:
     """A recording against the calibrated base and, if there is one, the extended model; `words` of its condition."""
 
-    before: object
-    after: object | None
+    before: Any
+    after: Any
     words: str
 
     @property

@@ -74,5 +74,5 @@ def draw(run) -> Figure:
 
 def _even(values, x, v, x_ends, v_ends) -> np.ndarray:
     """Values (len(x), len(v)) on even pixels (ROWS, COLUMNS), linear between cell centres."""
-    along = between(np.asarray(values, dtype=float), x, centres(np.linspace(*x_ends, COLUMNS + 1)))
-    return between(along.T, v, centres(np.linspace(*v_ends, ROWS + 1)))
+    along = between(np.asarray(values, dtype=float), x, centres(np.linspace(x_ends[0], x_ends[1], COLUMNS + 1)))
+    return between(along.T, v, centres(np.linspace(v_ends[0], v_ends[1], ROWS + 1)))

@@ -206,9 +206,9 @@ def dead_pixels(T: np.ndarray) -> np.ndarray:
     image[known] = np.nanmedian(picked[:, known], axis=0)
     image = filled(image)
     padded = np.pad(image, 1, mode="reflect")
-    rows, columns = image.shape
-    around = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    around = np.sort(np.stack(around), axis=0)
+    rows, columns = T.shape[1:]
+    shifted = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    around = np.sort(np.stack(shifted), axis=0)
     off = image - 0.5 * (around[3] + around[4])
     scatter = 1.4826 * np.median(np.abs(off - np.median(off)))
     local = 1.4826 * np.median(np.abs(around - 0.5 * (around[3] + around[4])), axis=0)

@@ -236,7 +236,7 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
             faults.append(f"{path}: {key}: unknown key{nearest(key, [*known, 'files', 'out'])}")
             continue
         try:
-            values[key] = _value(key, known[key], value, path.parent)
+            values[key] = _value(key, str(known[key]), value, path.parent)
         except BadInput as fault:
             faults.append(f"{path}: {fault}")
     if faults:

@@ -129,7 +129,8 @@ def _thinned(names: list[Path], facts: Facts) -> list[Path]:
 
 def _ask(path: Path, frames: Frames, facts: Facts) -> None:
     """BadInput with one line for everything that is missing, as far as the first file tells."""
-    seen, lines = [(path, frames)], []
+    seen: list[tuple[Path, Frames]] = [(path, frames)]
+    lines: list[str] = []
     needs = [lambda: _view(frames, facts), lambda: timing.times(seen, facts)]
     needs.append(lambda: timing.repetitions(seen, np.zeros(len(frames.temperature)), facts))
     if _is_unplaced(frames, facts):

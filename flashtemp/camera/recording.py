@@ -109,7 +109,8 @@ class Recording(Shown):
     @property
     def pitch(self) -> tuple[float, float]:
         """Distance between pixels along u and v, m (mean; inf where there is only one)."""
-        return tuple(float(np.diff(a).mean()) if len(a) > 1 else float("inf") for a in (self.u, self.v))
+        u, v = (float(np.diff(a).mean()) if len(a) > 1 else float("inf") for a in (self.u, self.v))
+        return u, v
 
     def dataset(self):
         """The xarray Dataset of contract 5.4."""

@@ -56,11 +56,14 @@ def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) ->
         if np.abs(step).max() < 1e-6:
             break
     if np.abs(shift).max() > FAR * known:
-        best = tuple(map(float, shift))
-        return Alignment((0.0, 0.0), (0.0, 0.0), plain, best)
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain, _pair(shift))
     error = np.zeros(2)
     error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
-    return Alignment(tuple(map(float, shift)), tuple(map(float, error)), seen)
+    return Alignment(_pair(shift), _pair(error), seen)
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
 
 
 def _column(weigh, values: np.ndarray, seen: Seen) -> np.ndarray:

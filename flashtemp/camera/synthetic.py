@@ -53,12 +53,12 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
 def draw(recording: Recording, rng, nuisance: float) -> Faults:
     """Faults of a recording; `nuisance` scales all but the fixed pattern."""
     known = recording.registration_sigma_px or 0.0
-    shift = tuple(float(s) for s in nuisance * known * rng.normal(size=2))
+    along, up = (float(s) for s in nuisance * known * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
     given = recording.emissivity or 1.0
     truth = min(given + nuisance * ALIKE[1] * float(rng.normal()), 1.0)
     spread = (recording.psf_sigma_px or 0.0) * (1.0 + 0.05 * nuisance * float(rng.normal()))
-    return Faults(shift, pattern, truth if recording.emissivity else 1.0, spread)
+    return Faults((along, up), pattern, truth if recording.emissivity else 1.0, spread)
 
 
 def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 1e-3) -> Recording:

@@ -25,11 +25,12 @@ def times(seen: Seen, facts: Facts) -> np.ndarray:
         if facts.fps <= 0:
             raise BadInput(f"fps: {facts.fps:g}; give frames per second, more than 0")
         return _from(facts, np.arange(sum(counts)) * (facts.every or 1) / facts.fps, clock=False)
-    if all(f.time is not None for _, f in seen):
-        own = np.concatenate([f.time for _, f in seen])
+    times = [f.time for _, f in seen if f.time is not None]
+    if len(times) == len(seen):
+        own = np.concatenate(times)
         return own if facts.start is None else own - own.min() + facts.start
-    clocks = [f.clock for _, f in seen]
-    if all(c is not None for c in clocks):
+    clocks = [f.clock for _, f in seen if f.clock is not None]
+    if len(clocks) == len(seen):
         clock = np.concatenate(clocks)
         if len(clock) == 1 or len(np.unique(clock)) == len(clock):
             return _from(facts, clock, clock=True)
@@ -83,7 +84,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def _rows_of(path: Path, frames: Frames, facts: Facts) -> list[dict[str, str]]:
-    rows = [r for r in _rows(facts.times) if Path(r["file"]).name == path.name]
+    rows = [r for r in _rows(Path(facts.times or "")) if Path(r["file"]).name == path.name]
     count = len(frames.temperature)
     if len(rows) not in (1, count):
         raise BadInput(

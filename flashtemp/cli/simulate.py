@@ -48,7 +48,7 @@ def run(
         folder = resume.with_name(resume.name.removesuffix(".partial"))
         with progress_bar("resuming") as watch:
             result = simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust)
-    else:
+    elif case is not None:
         loaded = inputs.load(case, list(overrides), trust=trust)
         folder = result_folder(out, loaded.name)
         with progress_bar(loaded.name) as watch:

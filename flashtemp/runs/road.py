@@ -42,21 +42,20 @@ def touching_regions(
     Raises BadInput.
     """
     length, width = road.length, road.width
-    if file is None:
-        length, width = LENGTH if length is None else length, WIDTH if width is None else width
-    elif (length is None) != (width is None):
+    if file is not None and (length is None) != (width is None):
         raise BadInput(
             f"--{'width' if width is None else 'length'}: missing; give both --length and --width, or neither"
         )
     given = {"pressure": pressure, "modulus": modulus, "cutoff": cutoff, "length": length, "width": width,
              "pixel": road.pixel, "hurst": road.hurst, "rms": road.rms, "rolloff": road.rolloff}  # fmt: skip
     for name, value in given.items():
-        if value is not None and not 0.0 < value < float("inf") or (name == "hurst" and value > 1):
+        if value is not None and (not 0.0 < value < float("inf") or (name == "hurst" and value > 1)):
             raise BadInput(f"--{name}: {value:g}; give a number > 0" + (" and <= 1" if name == "hurst" else ""))
     if file is not None:
-        heights = contact_map.read(file, None if length is None else (length, width))
+        heights = contact_map.read(file, None if length is None or width is None else (length, width))
     else:
-        heights = contact_map.synthetic(length, width, road.pixel, road.hurst, road.rms, road.rolloff, road.seed)
+        size = LENGTH if length is None else length, WIDTH if width is None else width
+        heights = contact_map.synthetic(*size, road.pixel, road.hurst, road.rms, road.rolloff, road.seed)
     return contact_map.press(heights, pressure, modulus, cutoff)
 
 

@@ -66,7 +66,7 @@ class Settling(Shown):
 
     def __str__(self) -> str:
         lines = [f"{self.of}: {self.says}"]
-        if self.s_w is not None:
+        if self.s_w is not None and self.s_w_interval is not None:
             low, high = self.s_w_interval
             lines.append(
                 f"  relaxes over s_w = {self.s_w:.3g} +- {self.s_w_error:.2g} {self.unit} "
@@ -123,8 +123,8 @@ def relaxation(record: Record, within: float = 0.01) -> Settling:
     span = float(record.end[-1] - record.begin[0])
     if high < math.inf and fit.s_w <= FAR * span:
         return _answer(record, fit, blank)
-    more = max(2 * low - span, 0.5 * span)
-    more = f"{more:.3g} more metres" if record.unit == "m" else f"{math.ceil(more)} more repetitions"
+    lacking = max(2 * low - span, 0.5 * span)
+    more = f"{lacking:.3g} more metres" if record.unit == "m" else f"{math.ceil(lacking)} more repetitions"
     sure = "is" if low > span else "may be"
     says = (
         f"relaxation {sure} longer than your data, s_w at least {low:.3g} {record.unit} (95 %): slide at least {more}"
@@ -146,8 +146,8 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
     """Numbers and sentence of a relaxation that the data determine."""
     unit, one, within, limit = record.unit, record.length, blank.within, fit.limit(LEVEL)
     interval, slid, reach = fit.interval(limit), fit.slid(within), fit.slid_interval(within, limit)
-    count = [None if one is None else _count(s, one) for s in (slid, *reach)]
-    notes = [*blank.notes, *_average(blank.scatter / (1.0 if record.absolute else abs(fit.final)), within)]
+    count = None if one is None else [_count(s, one) for s in (slid, *reach)]
+    notes = [*blank.notes, *_average(fit.scatter / (1.0 if record.absolute else abs(fit.final)), within)]
     notes += _misfit(record, fit)
     goal = f"within {100 * within:g} % of its final value"
     if record.absolute:
@@ -156,16 +156,16 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
         blank,
         s_w_interval=interval,
         slid_interval=reach,
-        repetitions_interval=None if one is None else (count[1], count[2]),
+        repetitions_interval=None if count is None else (count[1], count[2]),
     )
     if interval[0] == 0.0:
-        most = f"{reach[1]:.3g} {unit}" if one is None else f"{count[2]} repetitions"
+        most = f"{reach[1]:.3g} {unit}" if count is None else f"{count[2]} repetitions"
         says = f"only the first values differ for certain: {goal} after at most {most} (95 %)"
         notes.append(f"s_w is below {interval[1]:.3g} {unit} (95 %); values over shorter distances would show it")
         return replace(answer, says=says, notes=tuple(notes))
     if slid > record.end[-1]:
         notes.append(f"{slid:.3g} {unit} lie beyond the {record.end[-1]:.3g} {unit} of the data: an extrapolation")
-    if one is None:
+    if count is None:
         says = f"{goal} after {slid:.3g} {unit} (95 %: {reach[0]:.3g} to {reach[1]:.3g})"
     else:
         says = f"{goal} after {count[0]} repetitions (95 %: {count[1]} to {count[2]})"
@@ -179,7 +179,7 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
         start=fit.start,
         final=fit.final,
         slid=slid,
-        repetitions=count[0],
+        repetitions=None if count is None else count[0],
     )
 
 
@@ -257,8 +257,9 @@ def _simulated(folder: Path, of: str) -> Record:
         raise BadInput(f"{file}: holds no sliding; give a result folder that flashtemp run has written")
     expected = _implied(folder, float(np.mean(friction)), float(np.mean(mean)), float(np.mean(spot[on])))
     length = float(slid[-1]) / len(means)
-    arrays = (np.array(v) for v in (begin, end, means))
-    return Record(*arrays, length=length, of=of, absolute=of == "pressure", simulated=True, expected=expected)
+    return Record(
+        np.array(begin), np.array(end), np.array(means), length=length, of=of, absolute=of == "pressure", simulated=True, expected=expected,
+    )  # fmt: skip
 
 
 def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> float | None:

@@ -143,10 +143,10 @@ def plan(
 
     Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
     """
-    axes, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
-    if not axes:
+    swept, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
+    if not swept:
         raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
-    for key, values in axes.items():
+    for key, values in swept.items():
         if any(v in values[:i] for i, v in enumerate(values)):
             text = ",".join(map(str, values))
             raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
@@ -159,11 +159,11 @@ def plan(
         )
 
     points = [  # copied, so that the many do not keep the scenes with which they were checked
-        replace(made(dict(zip(axes, values, strict=True)))) for values in itertools.product(*axes.values())
+        replace(made(dict(zip(swept, values, strict=True)))) for values in itertools.product(*swept.values())
     ]
     if len({p["schedule.repetitions"] for p in points}) > 1:
         raise BadInput("schedule.repetitions (command line): cannot be swept; repetitions are an axis of the result")
-    return Sweep(made({}), axes, tuple(points))
+    return Sweep(made({}), swept, tuple(points))
 
 
 def _split(text: str) -> list[str]:
@@ -254,7 +254,7 @@ def _name(case: cases.Case) -> str:
     return seen.hexdigest()[:20]
 
 
-def _keep(file: Path, answer: dict[str, np.ndarray]) -> None:
+def _keep(file: Path, answer: dict[str, Any]) -> None:
     """Write a point whole or not at all."""
     image = io.BytesIO()
     np.savez_compressed(image, **answer)
@@ -269,7 +269,9 @@ def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):
 
     repetitions = sweep.points[0]["schedule.repetitions"]
     axes = list(sweep.axes)
-    told = {name: (unit, words, ("repetition", "place")) for name, (unit, words) in PROFILES.items()}
+    told: dict[str, tuple[str, str, tuple[str, ...]]] = {
+        name: (unit, words, ("repetition", "place")) for name, (unit, words) in PROFILES.items()
+    }
     told |= {name: (unit, words, ()) for name, (unit, words) in NUMBERS.items()}
     told["friction"] = "1", "load-weighted friction, mean of each repetition", ("repetition",)
     sizes = {"repetition": repetitions, "place": len(PLACES)}

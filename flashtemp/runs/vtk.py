@@ -70,7 +70,7 @@ def _grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     shape = [len(e) for e in edges]
     step = [shape[1] * shape[2], shape[2], 1]
     index = np.meshgrid(*(np.arange(max(n - 1, 1)) for n in shape), indexing="ij")
-    first = sum(i * s for i, s in zip(index, step, strict=True)).ravel()
+    first = np.sum([i * s for i, s in zip(index, step, strict=True)], axis=0).ravel()
     u, *rest = (s for s, n in zip(step, shape, strict=True) if n > 1)
     corners = [0, u]
     for v in rest:  # round each face, then the face beyond
@@ -203,7 +203,7 @@ def _parts(run: Run, solids: dict[str, Body], frame: int) -> dict:
     block = solids["block"]
     points, corners, kind = _grid(block.x, block.y, np.zeros(1))
     cells = np.insert(corners, 0, corners.shape[1], axis=1).ravel()
-    out["contact"] = pv.PolyData(points, **{"lines" if kind == LINE else "faces": cells})
+    out["contact"] = pv.PolyData(points, lines=cells) if kind == LINE else pv.PolyData(points, faces=cells)
     for key, values in contact(run, frame).items():
         out["contact"].cell_data[key] = values
     return out
@@ -244,8 +244,8 @@ class Fields(Shown):
     def tensor(self, body: str, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the kept time nearest to t."""
         with h5py.File(self.path) as file:
-            edges = [np.unique(axis) for axis in file["VTKHDF"][body]["Points"][:].T]
-        return *edges, self.T(body, t).reshape([max(len(e) - 1, 1) for e in edges])
+            x, y, z = (np.unique(axis) for axis in file["VTKHDF"][body]["Points"][:].T)
+        return x, y, z, self.T(body, t).reshape([max(len(e) - 1, 1) for e in (x, y, z)])
 
     @property
     def case(self) -> str:

@@ -79,7 +79,7 @@ def _block(data: bytes, begin: int, number: int) -> Block:
     end = start + ENTRY * entries
     if entries > 1000 or begin + end > len(data):
         raise BadInput(f"frame {number}: the directory of its records is cut off; {AGAIN}")
-    records = {}
+    records: dict[int, bytes] = {}
     for k in range(entries):
         at = begin + start + ENTRY * k
         (kind,) = struct.unpack_from(order + "H", data, at)
@@ -209,7 +209,8 @@ def physics(info: Info, given: dict[str, float], planck: Planck | None):
 
 def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None = None, every: int = 1) -> Frames:
     """Frames of FFF data, one of `every`, degC with the file's parameters or those given instead."""
-    images, infos, found = [], [], []
+    images: list[np.ndarray] = []
+    infos, found = [], []
     for number, block in enumerate(blocks(data), 1):
         if (number - 1) % every:
             continue

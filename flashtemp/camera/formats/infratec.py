@@ -25,7 +25,8 @@ ASCII = "export it from IRBIS as ASCII (File, Export) and give that"
 
 def read(data: bytes) -> Frames:
     """All images of an IRB file, degC; compressed images and video (another layout) raise BadInput."""
-    images, clocks, said = [], [], {}
+    images, clocks = [], []
+    said: dict[str, float] = {}
     for at, length in _directory(data):
         image = data[at : at + length]
         images.append(_temperatures(image))

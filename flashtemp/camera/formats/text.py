@@ -195,7 +195,8 @@ def moment(text: str) -> float | None:
     if not found:
         return None
     try:
-        day = datetime(*(int(p) for p in found.groups()[:6]))
+        year, month, date, hour, minute, second = (int(p) for p in found.groups()[:6])
+        day = datetime(year, month, date, hour, minute, second)
     except ValueError:
         return None
     return (day - datetime(1970, 1, 1)).total_seconds() + float("0." + (found.group(7) or "0"))

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 
+Layout = Literal["constrained", "compressed", "tight"]
 MEASURED, COMPUTED = "#2B2B2B", "#0072B2"
 BAND, BEYOND = "#C3D8E8", "#C8420B"
 SURE = 2.0  # standard errors: half the width of the bands

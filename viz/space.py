@@ -70,7 +70,7 @@ def plotter(fields, t: float, off: bool = True):
         "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
         "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
-    plot = pv.Plotter(off_screen=off, window_size=list(SIZE))
+    plot: Any = pv.Plotter(off_screen=off, window_size=list(SIZE))
     plot.set_background(PAPER)
     road, whole = _grid(*seen["road"]), _grid(*seen["block"])
     plot.add_mesh(road, **style, scalar_bar_args=bar)

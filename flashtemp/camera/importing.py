@@ -79,7 +79,7 @@ def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Importe
     pieces: list[tuple[Path, Frames]] = []
     placed: list[np.ndarray] = []
     notes: list[str] = []
-    place = None
+    place: Place | None = None
     for number, path in enumerate(names, 1):
         frames = _read(path, facts)
         if pieces:
@@ -109,6 +109,7 @@ def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Importe
     order = np.argsort(time, kind="stable")
     if np.any(np.diff(order) < 0):
         notes.append("frames put in order of time")
+    assert place is not None  # at least one file has been read
     T = np.concatenate(placed)[order]
     recording = Recording(
         place.view, T, time[order], repetition[order], grid.u, grid.v,
@@ -244,8 +245,9 @@ class Place:
     def __call__(self, T: np.ndarray) -> geometry.Placed:
         if self.mask.any():
             T = np.where(self.mask, np.nan, T)
-        if self.M is None:
-            placed = geometry.Placed(T, *self.known)
+        u, v = self.known
+        if self.M is None and u is not None and v is not None:
+            placed = geometry.Placed(T, u, v)
             placed = placed if self.crop is None else geometry.cut(placed, self.crop)
         else:
             placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
@@ -280,7 +282,7 @@ def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
             f"{missing[0]}: missing; where the pixels lie is not in the file: give"
             f" {', '.join(helps[m] for m in missing)}, or four times --point COLUMN ROW U_MM V_MM"
         )
-    turn, at = geometry.axes(facts.downstream, facts.up), facts.at or (0.0, 0.0)
+    turn, at = geometry.axes(facts.downstream or "", facts.up), facts.at or (0.0, 0.0)
     if facts.second is not None:
         return geometry.from_two(turn, facts.pixel, at, facts.second, shape)
     return geometry.from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""

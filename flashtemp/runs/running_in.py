@@ -179,7 +179,7 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
         start=fit.start,
         final=fit.final,
         slid=slid,
-        repetitions=None if count is None else count[0],
+        repetitions=None if count is None else int(count[0]),
     )
 
 
@@ -258,7 +258,8 @@ def _simulated(folder: Path, of: str) -> Record:
     expected = _implied(folder, float(np.mean(friction)), float(np.mean(mean)), float(np.mean(spot[on])))
     length = float(slid[-1]) / len(means)
     return Record(
-        np.array(begin), np.array(end), np.array(means), length=length, of=of, absolute=of == "pressure", simulated=True, expected=expected,
+        np.array(begin), np.array(end), np.array(means), length=length, of=of, absolute=of == "pressure",
+        simulated=True, expected=expected,
     )  # fmt: skip
 
 

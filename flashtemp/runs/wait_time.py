@@ -142,8 +142,8 @@ def _answer(case: cases.Case, below: float, of: str, tried: list[Peak]) -> Waiti
             says += f"{top:.2f} degC even with {clock(last.wait)} of it, {tried[0].highest:.2f} degC with none"
         says += f"; the rise must fall by {math.ceil(100 * (top - below) / (top - ambient))} %"
     return Waiting(
-        of, below, says, None if found is None else found.wait, last.highest, last.repetition, max(hot, default=None), last.total,
-        tuple(tried),
+        of, below, says, None if found is None else found.wait, last.highest, last.repetition,
+        max(hot, default=None), last.total, tuple(tried),
     )  # fmt: skip
 
 

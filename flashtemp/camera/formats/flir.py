@@ -79,7 +79,7 @@ def _block(data: bytes, begin: int, number: int) -> Block:
     end = start + ENTRY * entries
     if entries > 1000 or begin + end > len(data):
         raise BadInput(f"frame {number}: the directory of its records is cut off; {AGAIN}")
-    records: dict[int, bytes] = {}
+    records: dict[int, tuple[int, int]] = {}
     for k in range(entries):
         at = begin + start + ENTRY * k
         (kind,) = struct.unpack_from(order + "H", data, at)

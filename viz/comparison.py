@@ -206,12 +206,10 @@ def along(seeing, run=None) -> Figure:
     fig = figure(seeing.view, WIDTH, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
-    value, error = mean(seeing.residual, level, 2)
-    _curve(first, 1e3 * r.u, value, error, "along x", "x from the leading edge (mm)")
+    _curve(first, 1e3 * r.u, mean(seeing.residual, level, 2), "along x", "x from the leading edge (mm)")
     if up:
         second = fig.add_subplot(grid[0, 1])
-        value, error = mean(seeing.residual, level, 1)
-        _curve(second, 1e3 * r.v, value, error, f"along {up}", f"{up} {where} (mm)")
+        _curve(second, 1e3 * r.v, mean(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
     _over_time(fig.add_subplot(grid[1, 0]), seeing, run)
     _per_repetition(fig.add_subplot(grid[1, 1]), seeing)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
@@ -220,8 +218,9 @@ def along(seeing, run=None) -> Figure:
     return fig
 
 
-def _curve(ax, x, values, error, title: str, label: str) -> None:
-    """One direction: the mean difference with the band of noise, from the first to the last mean."""
+def _curve(ax, x, means, title: str, label: str) -> None:
+    """One direction: `means` (values, their standard errors) with the band of noise, from the first to the last."""
+    values, error = means
     known = np.flatnonzero(np.isfinite(values))
     some = slice(known[0], known[-1] + 1) if len(known) else slice(None)
     against(ax, x[some], values[some], SURE * error[some])
@@ -234,10 +233,10 @@ def _over_time(ax, seeing, run) -> None:
     time = seeing.view.recording.time
     values, error = mean(seeing.residual, seeing.noise, 0)
     if run is None:
-        _curve(ax, time, values, error, "frame by frame", "time (s)")
+        _curve(ax, time, (values, error), "frame by frame", "time (s)")
         return
     when = clock(run)
-    _curve(ax, when.of(time), values, error, "frame by frame", "")
+    _curve(ax, when.of(time), (values, error), "frame by frame", "")
     when.shade(ax)
     when.shape(ax)
     if when.waits:
@@ -250,7 +249,7 @@ def _per_repetition(ax, seeing) -> None:
     numbers = np.unique(repetition)
     pairs = [mean(seeing.residual[repetition == n], seeing.noise, None) for n in numbers]
     values, error = np.array(pairs).T
-    _curve(ax, numbers, values, error, "repetition by repetition", "repetition (–)")
+    _curve(ax, numbers, (values, error), "repetition by repetition", "repetition (–)")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
 
 

@@ -14,6 +14,7 @@ from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
 from flashtemp.model import case_file
 from flashtemp.physics.interpolation import pairs
+from flashtemp.showing import Sheet, Shown
 
 NETD = 0.05  # K, of a camera that is imagined
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
@@ -63,8 +64,8 @@ class Condition:
         return told(self.given)
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
     """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
 
     `trust`: effect files of the case run whose ever they are.
@@ -99,6 +100,11 @@ class Campaign:
     def load(self, given: dict[str, Any]) -> cases.Case:
         """The case under the conditions of one entry."""
         return cases.load(self.case, given, trust=self.trust)
+
+    def sheet(self) -> Sheet:
+        head = ("file", "condition", "held out")
+        rows = [(entry.file, told(entry.given), entry.held_out) for entry in self.entries]
+        return Sheet(f"Campaign '{self.title}'", rows, head, [f"case {self.case}", f"free: {', '.join(self.free)}"])
 
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]

@@ -15,6 +15,7 @@ from flashtemp.comparison.noise import Noise, Place, lag_one, noise, structured,
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
@@ -103,8 +104,8 @@ class Pulling:
         }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
     """A campaign against the case that is believed: every recording and every load-cell trace."""
 
     campaign: Campaign
@@ -121,6 +122,15 @@ class Comparison:
             "forces": [p.as_dict() for p in self.pullings],
             "energy_imbalance": max(run.energy_imbalance for run in self.runs),
         }
+
+    def sheet(self) -> Sheet:
+        head = ("file", "rms", "mean", "unit", "chi2/dof", "white")
+        rows: list[tuple[Any, ...]] = [
+            (s.view.file, s.rmse_K, s.bias_K, "K", s.chi2_per_dof, s.white) for s in self.seeings
+        ]
+        rows += [(p.force.file, p.rmse, p.bias, "mu", p.chi2_per_dof, None) for p in self.pullings]
+        told = [f"{s.view.file}: {words(s)}" for s in self.seeings if not s.white]
+        return Sheet(f"Comparison '{self.campaign.title}'", rows, head, told)
 
     def __str__(self) -> str:
         lines = [f"Comparison '{self.campaign.title}'"]

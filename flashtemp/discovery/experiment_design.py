@@ -27,6 +27,7 @@ from flashtemp.discovery.scores import NOTHING, Separability, separability
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.showing import Sheet, Shown
 
 SURE = 5.0  # signal to noise at which an effect is told from all others
 RIVALS = 3.0  # typical strengths that every rival may take meanwhile
@@ -70,8 +71,8 @@ class Experiment:
     helps: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Outlook:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outlook(Shown):
     """Everything that can be said before measuring; `experiments` the most useful first."""
 
     title: str
@@ -88,9 +89,21 @@ class Outlook:
             "experiments": [vars(e) for e in self.experiments],
         }
 
-    def __str__(self) -> str:
+    def sheet(self) -> Sheet:
+        head = ("effect", "z", "z left", "told", "5 sigma at", "unit", "nearest rival", "correlation")
+        rows = [
+            (p.effect, p.z, p.z_left, p.separable, p.detectable, p.unit, p.nearest, p.rho) for p in self.prospects
+        ]  # fmt: skip
+        added = [f"add one condition {e.words}: separates {', '.join(e.helps) or 'nothing more'}"
+                 for e in self.experiments[:3]]  # fmt: skip
+        return Sheet(self._heading(), rows, head, added)
+
+    def _heading(self) -> str:
         good = sum(p.separable for p in self.prospects)
-        lines = [f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be told from all others"]
+        return f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be told from all others"
+
+    def __str__(self) -> str:
+        lines = [self._heading()]
         lines.append(f"  {'effect':26s} {'z':>8s} {'z left':>8s}  {'5 sigma at':>24s}  nearest rival")
         for p in self.prospects:
             size = f"{p.detectable:.3g} {'' if p.unit == '1' else p.unit}" if np.isfinite(p.detectable) else "never"

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.compare import Pulling, Seeing
+from flashtemp.showing import Sheet, Shown
 
 Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
@@ -132,8 +133,8 @@ class Pull:
     unit: str = "1"
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, eq=False, repr=False)
+class Verdict(Shown):
     """The whole answer.  `kind` is one of KINDS; `says` one or more sentences for people.
 
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
@@ -195,6 +196,20 @@ class Verdict:
             "extended_case": "extended.toml" if self.causes else None,
             "seconds": self.seconds,
         }
+
+    def sheet(self) -> Sheet:
+        head = ("cause", "parameter", "value", "95 %", "unit", "ln Bayes factor")
+        causes = [
+            (c.effect, p.name, p.value, p.ci95, p.unit, c.ln_bayes) for c in self.causes for p in c.parameters
+        ]  # fmt: skip
+        rivals = [(r.effect, r.score, r.amplitude, r.stderr, r.unit, r.reason) for r in self.rivals]
+        tried = Sheet("Candidates", rivals, ("effect", "ln Bayes factor", "would need", "+-", "unit", ""))
+        gates = Sheet("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
+        pulls = [(p.name, p.value, p.stderr, p.unit, p.pull) for p in self.nuisance]
+        calibrated = Sheet("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
+        following = [f"next: {self.next_experiment}"] if self.next_experiment else []
+        notes = (*self.says, *following, *self.warnings)
+        return Sheet(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, (tried, calibrated, gates))
 
     def __str__(self) -> str:
         lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]

@@ -8,13 +8,14 @@ import signal
 import sys
 import threading
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
-from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, Force, Prediction, Task, predict
 from flashtemp.errors import BadInput, SolverFailure
@@ -104,6 +105,37 @@ def test_one_worker_and_two_agree(tasks):
     assert str(fault) == str(again)
     mu = [a.observables["mu.csv"].values[0] for a, _ in (answers[0], answers[2])]
     assert mu == pytest.approx([0.8 * math.exp(0.1), 1.2 * math.exp(0.1)])
+
+
+FAN = """
+from flashtemp.physics import Effect, Factor, Param
+
+
+class Fan(Effect):
+    cause = "a fan that nobody told of slows the block"
+    source = "this test"
+    share = Param(0.1, "1", "more friction", -0.5, 1.0, off=0.0)
+
+    def heat(self, scene, p):
+        yield Factor("friction.mu", lambda T, now, p: 1.0 + p.share)
+"""
+
+
+def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_path):
+    """Nothing of it is sent but its declarations: each worker reads the file beside the case that it loads."""
+    (tmp_path / "fan.py").write_text(FAN)
+    (tmp_path / "case.toml").write_text('candidates = ["./fan.py"]')
+    case = load(tmp_path / "case.toml", SMALL)
+    [fan], left = candidates(case, case.candidates)
+    assert (fan.strengths, left) == ({"share": 0.1}, {})
+    asked = Derivatives((MU,), candidates=(fan,))
+    with crew(predict, 2) as run:
+        [found] = run([replace(tasks[0], derivatives=asked)])
+    assert isinstance(found, Prediction), found
+    columns = found.observables["mu.csv"].columns
+    trace = columns[ParameterId.of_effect("fan", "share")]
+    assert trace == pytest.approx(columns[MU], rel=1e-3)  # both multiply mu
+    assert trace == pytest.approx(found.observables["mu.csv"].values, rel=1e-3)
 
 
 def test_as_many_as_there_are_cores(monkeypatch):

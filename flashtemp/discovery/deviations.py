@@ -6,8 +6,10 @@ is physics that the catalogue does not hold.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from flashtemp.physics.effect import Effect, Factor, Term
 class Scatter(Effect):
     """Friction of one repetition a little higher: mu (1 + size)."""
 
-    def heat(self, scene, p):
+    def heat(self, scene: Any, p: Any) -> Iterator[Factor]:
         """Multiplies mu in repetition `number`."""
         yield Factor("friction.mu", lambda T, now, p: 1.0 + p.size * (now.repetition == p.number))
 
@@ -28,11 +30,11 @@ class Mode(Effect):
 
     steady = True  # within a stretch, for which alone anything is kept
 
-    def heat(self, scene, p):
+    def heat(self, scene: Any, p: Any) -> Iterator[Term]:
         """Adds size cos(number pi x/L) to local over mean pressure, times -1..1 over the repetitions for a trend."""
         last = scene.schedule.repetitions
 
-        def law(T, now, p):
+        def law(T: Any, now: Any, p: Any) -> Any:
             grown = 2.0 * (now.repetition - 1) / max(last - 1, 1) - 1.0 if p.trend else 1.0
             return p.size * grown * np.cos(p.number * np.pi * now.x / scene.length)
 
@@ -49,6 +51,6 @@ def with_mode(scene: Scene, number: int, size: float, trend: bool = False) -> Sc
     return _with(scene, Mode(), number=number, size=size, trend=trend)
 
 
-def _with(scene: Scene, effect: Effect, **values) -> Scene:
+def _with(scene: Scene, effect: Effect, **values: float) -> Scene:
     part = Acting(type(effect).__name__.lower(), effect, SimpleNamespace(**values))
     return replace(scene, acting=(*scene.acting, part))

@@ -139,7 +139,7 @@ def advise(problem: Problem, fit: Fit, alike: tuple[str, ...]) -> str:
 def experiments(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
     """One more condition of each kind, ranked by what it leaves of the worst of some effects."""
     now = _left(problem, fit, effects)
-    asked = [(words, _task(problem, fit.model, *change)) for words, *change in ADDED]
+    asked = [(words, _task(problem, fit.model, key, factor, step)) for words, key, factor, step in ADDED]
     tasks = {words: task for words, task in asked if task is not None}
     out = []
     for (words, task), answer in zip(tasks.items(), problem.run(list(tasks.values())), strict=True):

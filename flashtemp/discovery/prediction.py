@@ -129,7 +129,7 @@ def predict(task: Task) -> Prediction:
     if moves:
         near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
     else:
-        near = Neighbourhood(march(scene, settings, case.title), None, {}, {})
+        near = Neighbourhood[ParameterId](march(scene, settings, case.title), None, {}, {})
     shown = {view.file: _view(point, view, near, moves) for view in task.views}
     shown |= {force.file: _force(force, near) for force in task.forces}
     thin = replace(near.run, field=near.run.field[:0], frames=near.run.frames[:0])
@@ -186,7 +186,7 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
 
 
 # --- what instruments show ------------------------------------------------------------------------------------
-def _view(point: Point, view: View, near: Neighbourhood, moves: dict[ParameterId, Move]) -> Observable:
+def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
     recording, scene, asked = view.recording, point.scene, point.task.derivatives
     shift = point.task.model.shift(view.file)
 
@@ -252,7 +252,7 @@ def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float
     return out
 
 
-def _force(force: Force, near: Neighbourhood) -> Observable:
+def _force(force: Force, near: Neighbourhood[ParameterId]) -> Observable:
     on, predicted = grip(near.run, force)
     columns = {name: near.slope(lambda run: grip(run, force)[1], name) for name in near.moved}
     return Observable(predicted, on, {k: v.astype(np.float32) for k, v in columns.items()})

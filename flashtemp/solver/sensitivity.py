@@ -7,7 +7,9 @@ share the run's linearisation and preconditioner, so that one costs a fraction o
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -37,8 +39,11 @@ class Move:
     since: float = 0.0
 
 
+Name = TypeVar("Name", bound=Hashable)
+
+
 @dataclass(frozen=True)
-class Neighbourhood:
+class Neighbourhood(Generic[Name]):
     """A run, and runs (linear in their `steps`) with one parameter moved each.
 
     `level` is the run as the neighbours see it, on their own times: take differences against it.
@@ -46,17 +51,17 @@ class Neighbourhood:
 
     run: Run
     level: Run | None
-    moved: dict[str, Run]
-    steps: dict[str, float]
+    moved: dict[Name, Run]
+    steps: dict[Name, float]
 
-    def slope(self, see, name: str) -> np.ndarray:
+    def slope(self, see, name: Name) -> np.ndarray:
         """d(see(run))/d(parameter) for any function of a run that returns an array."""
         return (see(self.moved[name]) - see(self.level)) / self.steps[name]
 
 
 def explore(
-    scene: Scene, settings: Settings, moves: dict[str, Move], title: str = "", at=(), dense: bool = False
-) -> Neighbourhood:
+    scene: Scene, settings: Settings, moves: dict[Name, Move], title: str = "", at=(), dense: bool = False
+) -> Neighbourhood[Name]:
     """March a scene with neighbours beside it.
 
     Neighbours are recorded at the times `at` (s) that `settings` asks for too, with `dense` at every fourth of
@@ -131,7 +136,7 @@ class _During:
 class Neighbours:
     """All neighbours of a run; `march` calls `stretch` after each stretch and `restart` at each new start."""
 
-    def __init__(self, scene: Scene, moves: dict[str, Move], asked: frozenset[float], dense: bool):
+    def __init__(self, scene: Scene, moves: Mapping[Any, Move], asked: frozenset[float], dense: bool):
         base = Balance(scene)
         self.asked, self.dense = asked, dense
         moved = [_Neighbour(base, m.scene, m.step, m.since) for m in moves.values()]

@@ -138,9 +138,9 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
     }  # fmt: skip
     (work / "campaign.toml").write_text(tomli_w.dumps(head | entries), encoding="utf-8")
     (work / SEALED).parent.mkdir()
-    for own in case.own:
-        if own.name in plan.hidden:
-            (work / SEALED).with_name(f"{own.name}.py").write_text(own.source, encoding="utf-8")
+    for effect in case.own:
+        if effect.name in plan.hidden:
+            (work / SEALED).with_name(f"{effect.name}.py").write_text(effect.source, encoding="utf-8")
     (work / SEALED).write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
 
 

@@ -19,13 +19,14 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import beta, betainc, dawsn, erf, erfc, erfcx, ive, k0e, k1e
 
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.material import Material
 
 ROOT_PI = np.sqrt(np.pi)
 OVERLAP = float(4 / np.pi * beta(0.75, 1.5))  # I of V10: integral of w^-1/2 h(w) from 0 to 1
 
 
-def ierfc(x):
+def ierfc(x: Value) -> Value:
     """Integral of erfc from x to infinity (1)."""
     return np.exp(-np.square(x)) / ROOT_PI - x * erfc(x)
 
@@ -33,18 +34,18 @@ def ierfc(x):
 # --- half-spaces ------------------------------------------------------------------------------------
 
 
-def constant_flux(body: Material, flux: float, t, z=0.0):
+def constant_flux(body: Material, flux: float, t: Value, z: Value = 0.0) -> Value:
     """V1: half-space under a constant flux (W/m2).  Carslaw & Jaeger 2.9."""
     reach = 2 * np.sqrt(body.diffusivity * t)
     return flux * reach / body.conductivity * ierfc(z / reach)
 
 
-def flux_pulse(body: Material, flux: float, on: float, t, z=0.0):
+def flux_pulse(body: Material, flux: float, on: float, t: Value, z: Value = 0.0) -> Value:
     """V2: flux (W/m2) from 0 to `on` (s), insulated afterwards, t > on.  V1 superposed."""
     return constant_flux(body, flux, t, z) - constant_flux(body, flux, t - on, z)
 
 
-def deep_source(body: Material, power: float, depth: float, t, z=0.0):
+def deep_source(body: Material, power: float, depth: float, t: Value, z: Value = 0.0) -> Value:
     """V3: insulated half-space, power (W/m2 in all) released as exp(-z/depth).  Carslaw & Jaeger 2.11."""
     m, s = 1.0 / depth, np.sqrt(body.diffusivity * t)
     near, far = m * s - z / (2 * s), m * s + z / (2 * s)
@@ -56,7 +57,7 @@ def deep_source(body: Material, power: float, depth: float, t, z=0.0):
     return power / (body.conductivity * m) * shape
 
 
-def persson_kernel(a: float, b: float, diffusivity: float, tau):
+def persson_kernel(a: float, b: float, diffusivity: float, tau: Value) -> Value:
     """V4: kernel K(a, b, D tau) in 1/m, for source decay a and weight b (1/m).  Theory 1.6 eq. (14)."""
     y = a * np.sqrt(diffusivity * tau)
     if a == b:
@@ -66,10 +67,10 @@ def persson_kernel(a: float, b: float, diffusivity: float, tau):
     return a * b / (b * b - a * a) * (b * erfcx(y) - a * erfcx(b * np.sqrt(diffusivity * tau)))
 
 
-def persson_step(a: float, b: float, diffusivity: float, t):
+def persson_step(a: float, b: float, diffusivity: float, t: Value) -> Value:
     """V4: step response, the integral of the kernel from 0 to t, s/m (a != b)."""
 
-    def part(c):
+    def part(c: Value) -> Value:
         y = c * np.sqrt(diffusivity * t)
         return (erfcx(y) - 1 + 2 * y / ROOT_PI) / (c * c * diffusivity)
 
@@ -84,7 +85,7 @@ def contact_rate(rubber: Material, road: Material, alpha: float) -> float:
     return alpha * (1 / rubber.effusivity + 1 / road.effusivity)
 
 
-def contact_flux(rubber: Material, road: Material, difference: float, alpha: float, t):
+def contact_flux(rubber: Material, road: Material, difference: float, alpha: float, t: Value) -> Value:
     """V5: flux (W/m2) from rubber to road that touch at t = 0, rubber warmer by `difference` (K)."""
     if np.isinf(alpha):
         e = rubber.effusivity * road.effusivity / (rubber.effusivity + road.effusivity)
@@ -97,7 +98,7 @@ def contact_temperature(rubber: Material, road: Material, difference: float) -> 
     return difference * rubber.effusivity / (rubber.effusivity + road.effusivity)
 
 
-def shared_source(rubber: Material, road: Material, flux: float, alpha: float, t):
+def shared_source(rubber: Material, road: Material, flux: float, alpha: float, t: Value) -> Value:
     """V6: interface source (W/m2) on the rubber's side: (J_S W/m2, T_R, T_S)."""
     eR, eS = rubber.effusivity, road.effusivity
     if np.isinf(alpha):
@@ -110,7 +111,9 @@ def shared_source(rubber: Material, road: Material, flux: float, alpha: float, t
     return J, T + J / alpha, T
 
 
-def shared_deep_source(rubber: Material, road: Material, flux: float, power: float, depth: float, alpha: float, t):
+def shared_deep_source(
+    rubber: Material, road: Material, flux: float, power: float, depth: float, alpha: float, t: Value
+) -> Value:
     """V7: V6 plus power (W/m2) released in the rubber as exp(-z/depth): J_S in W/m2 (eta depth != sqrt D_R)."""
     eR, eS, s = rubber.effusivity, road.effusivity, np.sqrt(t)
     b = np.sqrt(rubber.diffusivity) / depth
@@ -121,7 +124,7 @@ def shared_deep_source(rubber: Material, road: Material, flux: float, power: flo
     return alpha / eR * (flux * fast + power * b / (eta - b) * (slow - fast))
 
 
-def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float, depth: float, t):
+def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float, depth: float, t: Value) -> Value:
     """V7: interface rise for alpha = inf."""
     b = np.sqrt(rubber.diffusivity) / depth
     y = b * np.sqrt(t)
@@ -132,43 +135,45 @@ def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float
 # --- road that slides past --------------------------------------------------------------------------
 
 
-def road_rise(road: Material, speed: float, flux: float, x):
+def road_rise(road: Material, speed: float, flux: float, x: Value) -> Value:
     """V8, V19: road surface at x (m) behind the leading edge of a uniform flux (W/m2), Pe >> 1."""
     return 2 * flux * np.sqrt(x / (np.pi * speed)) / road.effusivity
 
 
-def road_rise_linear(road: Material, speed: float, flux: float, length: float, x):
+def road_rise_linear(road: Material, speed: float, flux: float, length: float, x: Value) -> Value:
     """V8: flux falling linearly from `flux` (W/m2) at the leading edge to 0 at `length` (m)."""
     scale = flux / (road.effusivity * np.sqrt(np.pi * speed))
     return scale * (2 * np.sqrt(x) - 4 / 3 * np.power(x, 1.5) / length)
 
 
-def road_rise_exponential(road: Material, speed: float, flux: float, decay: float, x):
+def road_rise_exponential(road: Material, speed: float, flux: float, decay: float, x: Value) -> Value:
     """V8: flux `flux` exp(-x/decay) in W/m2; the rise peaks at x = 0.854033 decay."""
     scale = 2 * flux * np.sqrt(decay) / (road.effusivity * np.sqrt(np.pi * speed))
     return scale * dawsn(np.sqrt(x / decay))
 
 
-def road_rise_any(road: Material, speed: float, flux: Callable, x: float) -> float:
+def road_rise_any(road: Material, speed: float, flux: Callable[..., Value], x: float) -> float:
     """V8: any flux law (W/m2 at x), by quadrature in sqrt(x - x') so that nothing is singular."""
     value, _ = quad(lambda u: 2 * flux(x - u * u), 0.0, np.sqrt(x), epsabs=0.0, epsrel=1e-12, limit=200)
-    return value / (road.effusivity * np.sqrt(np.pi * speed))
+    found: float = value / (road.effusivity * np.sqrt(np.pi * speed))
+    return found
 
 
-def road_wake(road: Material, speed: float, flux: float, length: float, x):
+def road_wake(road: Material, speed: float, flux: float, length: float, x: Value) -> Value:
     """V8: road surface behind the block, x > length (m), after a uniform flux (W/m2)."""
     return road_rise(road, speed, flux, x) - road_rise(road, speed, flux, x - length)
 
 
 def wall_conductance(road: Material, speed: float, length: float) -> float:
     """V8: mean flux per kelvin (W/m2K) from an isothermal wall into the road, per spot area."""
-    return 2 * road.effusivity * np.sqrt(speed / (np.pi * length))
+    found: float = 2 * road.effusivity * np.sqrt(speed / (np.pi * length))
+    return found
 
 
-def jaeger(peclet: float, X):
+def jaeger(peclet: float, X: Value) -> Value:
     """V9: theta = pi k V T/(2 D q) of a strip source of half-length b moving towards +X = x/b, Pe = V b/(2 D)."""
 
-    def part(u):  # integral of exp(-u) K0|u| from 0 to u, DLMF 10.43(i)
+    def part(u: Value) -> Value:  # integral of exp(-u) K0|u| from 0 to u, DLMF 10.43(i)
         a = np.maximum(np.abs(u), 1e-300)
         ahead = 1 + a * np.exp(-2 * a) * (k0e(a) - k1e(a))
         behind = 1 - a * (k0e(a) + k1e(a))
@@ -181,7 +186,7 @@ def jaeger(peclet: float, X):
 def jaeger_peak(peclet: float) -> float:
     """V9: place X of the highest temperature under the strip."""
 
-    def slope(X):
+    def slope(X: Value) -> Value:
         ahead, behind = peclet * (X + 1), peclet * (1 - X)
         return np.exp(-2 * ahead) * k0e(ahead) - k0e(behind)  # exp(-u) K0|u| at both ends
 
@@ -191,13 +196,13 @@ def jaeger_peak(peclet: float) -> float:
 # --- flash temperature in the spots -----------------------------------------------------------------
 
 
-def spot_overlap(w):
+def spot_overlap(w: Value) -> Value:
     """h(w): common area of two equal discs displaced by w diameters, 1 at w = 0."""
     w = np.clip(w, 0.0, 1.0)
     return 2 / np.pi * (np.arccos(w) - w * np.sqrt(1 - w * w))
 
 
-def flash_build_up(r):
+def flash_build_up(r: Value) -> Value:
     """V10: F(r), share of the full flash after sliding r spot diameters; by parts, an incomplete beta function."""
     r = np.clip(r, 0.0, 1.0)
     return (2 * np.sqrt(r) * spot_overlap(r)) / OVERLAP + betainc(0.75, 1.5, r * r)
@@ -205,29 +210,32 @@ def flash_build_up(r):
 
 def spot_flash(rubber: Material, flux: float, diameter: float, speed: float) -> float:
     """V11: mean excess in circular spots of a surface flux (W/m2 of spot) on rubber that slides past."""
-    return OVERLAP / ROOT_PI * flux * np.sqrt(diameter / speed) / rubber.effusivity
+    found: float = OVERLAP / ROOT_PI * flux * np.sqrt(diameter / speed) / rubber.effusivity
+    return found
 
 
 def spot_flash_deep(rubber: Material, power: float, depth: float, diameter: float, speed: float) -> float:
     """Eq. (13): surface excess in circular spots of power (W/m2 of spot) released as exp(-z/depth)."""
     time, m = diameter / speed, 1.0 / depth
 
-    def rate(s):  # w = s^2
+    def rate(s: Value) -> Value:  # w = s^2
         return 2 * s * spot_overlap(s * s) * m * erfcx(m * np.sqrt(rubber.diffusivity * time) * s)
 
     value, _ = quad(rate, 0.0, 1.0, epsabs=0.0, epsrel=1e-12)
-    return power * time / rubber.volumetric_capacity * value
+    found: float = power * time / rubber.volumetric_capacity * value
+    return found
 
 
 def spot_flash_weighted(rubber: Material, power: float, q: float, diameter: float, speed: float) -> float:
     """V11: T_q, the excess weighted as 2q exp(-2qz), of power (W/m2) released in the same way; q in 1/m."""
     time = diameter / speed
 
-    def rate(s):
+    def rate(s: Value) -> Value:
         return 2 * s * spot_overlap(s * s) * persson_kernel(2 * q, 2 * q, rubber.diffusivity, time * s * s)
 
     value, _ = quad(rate, 0.0, 1.0, epsabs=0.0, epsrel=1e-12)
-    return power * time / rubber.volumetric_capacity * value
+    found: float = power * time / rubber.volumetric_capacity * value
+    return found
 
 
 def stripe_excess(duty: float, terms: int = 1_000_000) -> float:
@@ -240,7 +248,7 @@ def stripe_excess(duty: float, terms: int = 1_000_000) -> float:
 # --- slab, cooling, scaling -------------------------------------------------------------------------
 
 
-def slab(body: Material, height: float, flux: float, t: float, z=0.0):
+def slab(body: Material, height: float, flux: float, t: float, z: Value = 0.0) -> Value:
     """V13: slab with flux (W/m2) into z = 0 and an insulated back at z = height (m).  Carslaw & Jaeger 3.8."""
     fo = body.diffusivity * t / height**2
     n = np.arange(1, 2 + int(np.sqrt(40 / (np.pi**2 * fo))))
@@ -250,7 +258,7 @@ def slab(body: Material, height: float, flux: float, t: float, z=0.0):
     return flux * height / body.conductivity * shape
 
 
-def cooling(body: Material, h: float, t, z=0.0):
+def cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
     """V14: what is left (1) of a unit rise in a half-space cooled by h (W/m2K).  Carslaw & Jaeger 2.7."""
     s = np.sqrt(body.diffusivity * t)
     y = h * s / body.conductivity + z / (2 * s)
@@ -263,7 +271,7 @@ def slab_mode(body: Material, height: float, h: float) -> tuple[float, float, fl
     return zeta, _amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
 
 
-def slab_cooling(body: Material, height: float, h: float, t: float, z=0.0):
+def slab_cooling(body: Material, height: float, h: float, t: float, z: Value = 0.0) -> Value:
     """V14: what is left (1) of a unit rise in a slab cooled at z = 0, insulated at z = height (m)."""
     modes = 2 + int(np.sqrt(40 * height**2 / (np.pi**2 * body.diffusivity * t)))
     roots = np.array([_slab_root(h * height / body.conductivity, n) for n in range(modes)])
@@ -277,7 +285,7 @@ def _slab_root(biot: float, n: int) -> float:
     return float(brentq(lambda s: s * np.sin(s) - biot * np.cos(s), low + 1e-12, low + np.pi / 2, xtol=1e-15))
 
 
-def _amplitude(zeta):
+def _amplitude(zeta: Value) -> Value:
     return 4 * np.sin(zeta) / (2 * zeta + np.sin(2 * zeta))
 
 
@@ -286,18 +294,18 @@ def scaling(speed: float, reference: float) -> float:
     return float(np.sqrt(speed / reference))
 
 
-def road_driven(rubber: Material, road: Material, length: float, spot_fraction: float, distance):
+def road_driven(rubber: Material, road: Material, length: float, spot_fraction: float, distance: Value) -> Value:
     """V16: share (1) of the final rise that the rubber's surface has after sliding `distance` (m); a guide only."""
     per_root_speed = spot_fraction * wall_conductance(road, 1.0, length)
     return 1 - erfcx(per_root_speed * np.sqrt(distance) / rubber.effusivity)
 
 
-def abrasion_relaxation(stiffness: float, rate: float, slid):
+def abrasion_relaxation(stiffness: float, rate: float, slid: Value) -> Value:
     """V17: what is left (1) of a pressure deviation; Winkler `stiffness` Pa/m, `rate` m3/(N m), `slid` m."""
     return np.exp(-stiffness * rate * slid)
 
 
-def abrasion_depth(rate: float, pressure: float, slid):
+def abrasion_depth(rate: float, pressure: float, slid: Value) -> Value:
     """V17: mean worn depth in m at a mean pressure in Pa."""
     return rate * pressure * slid
 
@@ -305,7 +313,7 @@ def abrasion_depth(rate: float, pressure: float, slid):
 # --- lanes ------------------------------------------------------------------------------------------
 
 
-def lane_retained(diffusivity: float, diameter: float, tau):
+def lane_retained(diffusivity: float, diameter: float, tau: Value) -> Value:
     """V23: share (1) of heat still under the disc on which it was released tau (s) ago, eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
     wide = np.maximum(X, 1.0)  # far from the rim, where the Bessel functions lose their digits
@@ -320,4 +328,5 @@ def lane_factor(diffusivity: float, diameter: float, t: float) -> float:
     value, _ = quad(
         lambda u: lane_retained(diffusivity, diameter, u * u), 0.0, np.sqrt(t), epsabs=0.0, epsrel=1e-11, limit=200
     )
-    return value / np.sqrt(t)
+    found: float = value / np.sqrt(t)
+    return found

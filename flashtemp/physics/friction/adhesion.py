@@ -20,14 +20,13 @@ attraction is overrated: such a road would stick under no load.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solve_banded
 from scipy.special import ndtr
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.persson import Enlarged, Theory
 
 PENNY = np.sqrt(0.5)  # of sigma_a over sqrt(w E* q)
@@ -41,7 +40,7 @@ NODES = 400  # wavenumbers at which contact may part, closer towards q1
 ROUNDS, SETTLED = 60, 1e-5  # of w_eff against P, and the change of the area at which they end
 
 
-def parting(q, work: float, modulus: float, prefactor: float = PENNY):
+def parting(q: Value, work: Value, modulus: float, prefactor: float = PENNY) -> Value:
     """Tensile stress sigma_a (Pa) that parts contact of size pi/q: `prefactor` sqrt(w E* q).
 
     q in 1/m, `work` of adhesion w in J/m^2, `modulus` E/(1 - nu^2) in Pa.
@@ -49,7 +48,7 @@ def parting(q, work: float, modulus: float, prefactor: float = PENNY):
     return prefactor * np.sqrt(work * modulus * np.asarray(q))
 
 
-def area(q: np.ndarray, G: np.ndarray, tension: np.ndarray) -> np.ndarray:
+def area(q: np.ndarray, G: np.ndarray, tension: Value) -> np.ndarray:
     """A/A0 (..., n) at wavenumbers q (n) where contact bears `tension` sigma_a/p (..., n), with G (..., n) as its time.
 
     G rises with q from where nothing rough is seen; `tension` >= 0 must not fall with q.  Finite volumes in
@@ -92,13 +91,14 @@ def _survivors(times: np.ndarray, walls: np.ndarray) -> np.ndarray:
     for k in range(times.shape[1] - 1):
         size = 0.5 * (scale[:, k] + scale[:, k + 1])
         diffusion = (times[:, k + 1] - times[:, k]) / size**2
-        drift = [np.diff(y[:, k : k + 2])[:, 0] / size for y in (walls, scale)]
-        held = _advance(held, *_rates(diffusion, *drift, faces, width))
+        away, growth = (np.diff(y[:, k : k + 2])[:, 0] / size for y in (walls, scale))
+        held = _advance(held, *_rates(diffusion, away, growth, faces, width))
         kept.append(held.sum(axis=1))
-    return np.array(kept).T / kept[0][:, None]
+    found: np.ndarray = np.array(kept).T / kept[0][:, None]
+    return found
 
 
-def _rates(diffusion, away, growth, faces, width):
+def _rates(diffusion: Value, away: Value, growth: Value, faces: Value, width: Value) -> Value:
     """Content that flows in a step: to the cell before, out of every cell, to the cell after; (m, cells) each.
 
     Exponentially fitted fluxes: no content turns negative where the wall moves fast.
@@ -114,14 +114,14 @@ def _rates(diffusion, away, growth, faces, width):
     return back, back + on, on
 
 
-def _bernoulli(x):
+def _bernoulli(x: Value) -> Value:
     """x/(e^x - 1)."""
     x = np.clip(x, -300.0, 300.0)
     small = np.abs(x) < 1e-6
     return np.where(small, 1.0 - 0.5 * x, x / np.expm1(np.where(small, 1.0, x)))
 
 
-def _advance(held, back, out, on):
+def _advance(held: Value, back: Value, out: Value, on: Value) -> Value:
     """Content after one step: every row a tridiagonal system, all of them solved as one."""
     m, n = held.shape
     moved = -out * held
@@ -143,7 +143,7 @@ def attracted(
     v: float,
     T: float,
     work: float,
-    pressures: Sequence[float],
+    pressures: Value,
     modulus: float | None = None,
     prefactor: float = PENNY,
     stored: bool = True,

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flashtemp.physics.arrays import Value
+
 BOLTZMANN = 8.617333262e-5  # eV/K
 
 
@@ -27,10 +29,10 @@ class Shear:
     activation: float = 1.0
     reference: float = 293.15
 
-    def factor(self, T):
+    def factor(self, T: Value) -> Value:
         """Shift factor at T (K)."""
         return np.exp(self.activation / BOLTZMANN * (1.0 / T - 1.0 / self.reference))
 
-    def __call__(self, v, T):
+    def __call__(self, v: Value, T: Value) -> Value:
         """tau_f (Pa) at sliding speed v (m/s) and contact temperature T (K)."""
         return self.stress * np.exp(-self.width * np.log10(v * self.factor(T) / self.speed) ** 2)

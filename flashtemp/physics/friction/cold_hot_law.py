@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches, heating
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.material import Material
@@ -38,15 +39,15 @@ class Law:
     r0: float
 
     @cached_property
-    def _curves(self):
+    def _curves(self) -> Any:
         return [(np.log(b.speed), np.asarray(b.mu, dtype=float)) for b in (self.cold, self.hot)]
 
-    def ends(self, v):
+    def ends(self, v: Value) -> Value:
         """mu_cold and mu_hot at speeds v >= 0 (m/s)."""
         x = np.log(np.maximum(v, self.cold.speed[0]))
         return tuple(np.interp(x, at, mu) for at, mu in self._curves)
 
-    def __call__(self, v, r):
+    def __call__(self, v: Value, r: Value) -> Value:
         """mu at speeds v >= 0 (m/s), r (m) after coming into contact; both broadcast."""
         cold, hot = self.ends(v)
         return hot + (cold - hot) * np.exp(-np.asarray(r) / self.r0)
@@ -57,7 +58,9 @@ class Law:
         return replace(self, cold=branch, hot=branch)
 
 
-def law(theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, fastest: float, memory=MEMORY) -> Law:
+def law(
+    theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, fastest: float, memory: float = MEMORY
+) -> Law:
     """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s); r0 = memory x diameter.
 
     They reach at least a decade above the slowest.  Raises SolverFailure where the hot branch cannot be found.
@@ -77,7 +80,7 @@ class Fit(NamedTuple):
     deviation: np.ndarray
 
 
-def fit(theory: Theory, rubber: Material, spots: Spots, speeds, T0: float, p: float) -> Fit:
+def fit(theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float, p: float) -> Fit:
     """How well the law stands for the kernel theory at constant speeds (m/s), background T0 (K) and pressure p (Pa).
 
     The history is `hot.heating` over two diameters; least squares, every stretch of it weighing by its length (C25).
@@ -89,10 +92,10 @@ def fit(theory: Theory, rubber: Material, spots: Spots, speeds, T0: float, p: fl
         way = heating(theory, rubber, spots, v, T0, p)
         r = way.slid / spots.diameter
 
-        def law(memory, r=r, first=first, last=last):
+        def law(memory: float, r: Value = r, first: Value = first, last: Value = last) -> Value:
             return last + (first - last) * np.exp(-r / memory)
 
-        def miss(memory, mu=way.mu, r=r, law=law):
+        def miss(memory: float, mu: Value = way.mu, r: Value = r, law: Value = law) -> Value:
             return np.sum(np.gradient(r) * (law(memory) - mu) ** 2)
 
         best = minimize_scalar(miss, bounds=(0.01, 1.0), method="bounded")

@@ -10,10 +10,12 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import library, touching
 from flashtemp.physics.friction.spot_patterns import ContactMap
 from flashtemp.showing import Shown
@@ -42,7 +44,7 @@ class Spots(Shown):
         with Path(file).open("wb") as out:
             np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """For --json."""
         size = [n * d for n, d in zip(self.ground.covered.shape, self.ground.pixel, strict=True)]
         names = ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")
@@ -59,7 +61,7 @@ class Spots(Shown):
         )
 
 
-def read(file: Path, size: tuple[float, float] | None = None):
+def read(file: Path, size: tuple[float, float] | None = None) -> Value:
     """A topography from any of the files that SurfaceTopography reads, in m; raises BadInput.
 
     `size` (m): length along the direction of sliding and width, for files that hold heights alone.
@@ -79,7 +81,7 @@ def read(file: Path, size: tuple[float, float] | None = None):
         raise BadInput(f"--length, --width: {file} states its own size; leave them out")
     try:
         given = {}
-        if own is None:
+        if own is None and size is not None:
             given["physical_sizes"] = size if unit is None else tuple(s / _metres(unit) for s in size)
         road = surface.read_topography(str(file), **given)
         road = (road.to_unit("m") if road.unit else road).detrend("height")
@@ -91,7 +93,7 @@ def read(file: Path, size: tuple[float, float] | None = None):
     return road
 
 
-def _unread(file, fault) -> str:
+def _unread(file: Value, fault: Value) -> str:
     why = textwrap.shorten(str(fault), 120, placeholder=" ...")
     remedy = "give a height map of an instrument, a text matrix of heights in m, or --synthetic"
     return f"{file}: no topography: {why}; {remedy}"
@@ -101,10 +103,11 @@ def _metres(unit: str) -> float:
     """Length of a unit in m."""
     from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor
 
-    return get_unit_conversion_factor(unit, "m")
+    found: float = get_unit_conversion_factor(unit, "m")
+    return found
 
 
-def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int):
+def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int) -> Value:
     """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
     shape = tuple(max(16, round(side / pixel)) for side in (length, width))
     return library().Generation.fourier_synthesis(
@@ -112,7 +115,7 @@ def synthetic(length: float, width: float, pixel: float, hurst: float, rms: floa
     )
 
 
-def press(topography, pressure: float, modulus: float, cutoff: float) -> Spots:
+def press(topography: Value, pressure: float, modulus: float, cutoff: float) -> Spots:
     """Where rubber of contact `modulus` E/(1 - nu^2) (Pa) touches the road under a nominal `pressure` (Pa).
 
     Asperities shorter than `cutoff` (m) are left out.  Raises BadInput where nothing is left or the solve fails.
@@ -134,7 +137,7 @@ def press(topography, pressure: float, modulus: float, cutoff: float) -> Spots:
     )
 
 
-def _smooth(heights: np.ndarray, pixel, cutoff: float) -> np.ndarray:
+def _smooth(heights: np.ndarray, pixel: Value, cutoff: float) -> np.ndarray:
     """Heights without wavelengths shorter than `cutoff`; missing points at the mean."""
     heights = np.where(np.isfinite(heights), heights, np.nanmean(heights))
     q = np.hypot(

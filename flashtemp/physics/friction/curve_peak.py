@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flashtemp.physics.arrays import Value
+
 
 class Peak(NamedTuple):
     """Where a curve is highest, its `value` there, and whether that is the `first` or the `last` that was computed."""
@@ -27,7 +29,7 @@ class Peak(NamedTuple):
         return self.first or self.last
 
 
-def highest(at, values) -> Peak:
+def highest(at: Value, values: Value) -> Peak:
     """Highest point of `values` (n,) over positive, rising `at` (n,), whatever their units.
 
     A parabola over ln at goes through the highest node and its neighbours.

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 
 
 @contextmanager
@@ -19,7 +20,7 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def library():
+def library() -> Value:
     """SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
     try:
         with quietly():

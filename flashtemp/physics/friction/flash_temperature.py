@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.heat_kernels import Memory, overlap
 from flashtemp.physics.friction.persson import Found, Theory
 from flashtemp.physics.material import Material
@@ -48,7 +49,8 @@ class Branch(NamedTuple):
 
     @property
     def mu(self) -> np.ndarray:
-        return self.viscous + self.adhesive
+        found: np.ndarray = self.viscous + self.adhesive
+        return found
 
 
 def memory(theory: Theory, rubber: Material) -> Memory:
@@ -58,10 +60,11 @@ def memory(theory: Theory, rubber: Material) -> Memory:
 
 def source(found: Found, phi: float, v: float, p: float) -> np.ndarray:
     """Viscoelastic heat (n,) W/m2 of every node in a spot, eq. (5): (p v/phi) dmu/dq dq."""
-    return p * v / phi * found.density * found.weight
+    heat: np.ndarray = p * v / phi * found.density * found.weight
+    return heat
 
 
-def hot(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, start=None):
+def hot(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, start: Value = None) -> Value:
     """Friction and T_q (n,) K that agree while spots pass over rubber at T0 (K); theory 2.5, steady.
 
     Only viscoelastic heat acts, and none of it flows into the road.  Raises SolverFailure where they do not agree.
@@ -83,7 +86,9 @@ def hot(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: 
     raise SolverFailure(f"friction and flash temperature do not agree at {v:g} m/s: {change:.2g} K apart")
 
 
-def branches(theory: Theory, rubber: Material, spots: Spots, speeds, T0: float, p: float) -> tuple[Branch, Branch]:
+def branches(
+    theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float, p: float
+) -> tuple[Branch, Branch]:
     """Cold branch (no flash temperature) and hot branch at speeds (m/s), background T0 (K) and pressure p (Pa)."""
     speeds = np.asarray(speeds, dtype=float)
     cold = theory(speeds, T0, p)
@@ -110,7 +115,7 @@ class Way(NamedTuple):
 class Slide:
     """A spot's friction as it slides, step by step: the kernel theory with all it remembers."""
 
-    def __init__(self, theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, steps: int):
+    def __init__(self, theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, steps: int) -> None:
         self.theory, self.spots, self.T0, self.p = theory, spots, T0, p
         self.past = memory(theory, rubber)
         self.time, self.slid = np.zeros(steps + 1), np.zeros(steps + 1)
@@ -146,7 +151,7 @@ class Slide:
         return self.T0 + self.past.rise(off, on, self.heat[first:n], self.kept[first:n])
 
 
-def heating(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, steps=120) -> Way:
+def heating(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, steps: Value = 120) -> Way:
     """From the cold towards the hot branch at a constant speed v (m/s), over two spot diameters."""
     slid = 2.0 * spots.diameter * (np.arange(steps + 1) / steps) ** 2
     slide, mu, highest = Slide(theory, rubber, spots, T0, p, steps), [], []

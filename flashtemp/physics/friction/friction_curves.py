@@ -13,9 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction import theory_inputs
 from flashtemp.physics.friction.curve_peak import highest
 from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches
@@ -101,7 +103,7 @@ class Curves:
         found = [highest(self.speed, column) for column in self.mu.T]
         return np.array([np.nan if top.edge else top.at for top in found])
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON: m/s, degC, m; maxima are null where they do not lie inside."""
         tops = {name: highest(self.speed, b.mu) for name, b in self.branches.items()}
         return {
@@ -123,7 +125,7 @@ class Curves:
         """The curves (n,) by the names that they have in friction.csv."""
         out = {}
         for name, path in COLUMNS.items():
-            value = self
+            value: Any = self
             for part in path.split("."):
                 value = getattr(value, part)
             out[name] = value
@@ -136,7 +138,7 @@ class Curves:
         (Path(folder) / CSV).write_text("\n".join(lines) + "\n", encoding="utf-8")
         self.dataset().to_netcdf(Path(folder) / TABLE, engine="h5netcdf")
 
-    def dataset(self):
+    def dataset(self) -> Any:
         """As xarray: mu(speed, temperature) with units."""
         import xarray as xr
 
@@ -192,7 +194,12 @@ class Curves:
 
 
 def curves(
-    theory: Theory, rubber_material: Material, spots: Spots, speeds=SPEEDS, T0: float = 293.15, p: float = 1.5e5
+    theory: Theory,
+    rubber_material: Material,
+    spots: Spots,
+    speeds: Value = SPEEDS,
+    T0: float = 293.15,
+    p: float = 1.5e5,
 ) -> Curves:
     """Friction over `speeds` (n,) m/s, rising, at background T0 (K) and nominal pressure p (Pa).
 
@@ -234,7 +241,7 @@ def _depths(theory: Theory, speeds: np.ndarray, T0: float, p: float) -> Depths:
     return Depths(v, 0.5 / theory.q, np.maximum.accumulate(share, axis=1))
 
 
-def _remarks(theory: Theory, speeds, T0: float, p: float, hottest: float, phi: float) -> list[str]:
+def _remarks(theory: Theory, speeds: Value, T0: float, p: float, hottest: float, phi: float) -> list[str]:
     """What a reader should know before believing the curves; temperatures in K."""
     said = theory_inputs.beyond(theory, speeds, T0, p)
     low, high = theory.rubber.shift.reach

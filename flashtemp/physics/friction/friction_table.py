@@ -11,11 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.friction.heat_kernels import felt
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.material import Material
@@ -33,11 +35,12 @@ SLOWEST = 1e-7  # m/s: friction at rest is that of creep
 
 def flash_share(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
     """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
-    return felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
+    found: np.ndarray = felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
+    return found
 
 
 @njit(cache=True)
-def _weights(x):
+def _weights(x: Value) -> Value:
     """Of four neighbours, for the cubic through them at x = 0..1 between the inner two."""
     return (
         -x * (x - 1.0) * (x - 2.0) / 6.0,
@@ -48,7 +51,7 @@ def _weights(x):
 
 
 @njit(cache=True)
-def _place(value, low, step, count):
+def _place(value: Value, low: Value, step: Value, count: Value) -> Value:
     """First of the four neighbours and the place between the inner two; held outside the table."""
     at = (value - low) / step
     if at.real < 0.0:
@@ -60,7 +63,7 @@ def _place(value, low, step, count):
 
 
 @njit(cache=True)
-def _interpolate(values, lows, steps, face, spot, logp, out):
+def _interpolate(values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value) -> None:
     """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
     _, a, b, c = values.shape
     for n in range(out.shape[1]):
@@ -91,17 +94,18 @@ class Slice:
     values: np.ndarray
 
     @cached_property
-    def _grid(self):
+    def _grid(self) -> Value:
         axes = (self.T, self.T, self.logp)
         return np.array([x[0] for x in axes]), np.array([x[1] - x[0] for x in axes])
 
-    def __call__(self, T_spot, T_face, p):
+    def __call__(self, T_spot: Value, T_face: Value, p: Value) -> Value:
         """Both (2, n) at spot and face temperatures (K) and pressures (Pa); complex arguments pass derivatives on."""
         kind = complex if any(np.iscomplexobj(v) for v in (T_spot, T_face, p)) else float
         out = np.empty((2, len(T_spot)), dtype=kind)
         face, spot, logp = np.empty((3, len(T_spot)), dtype=kind)
         face[:], spot[:], logp[:] = T_face, T_spot, np.log(p)
-        _interpolate(self.values, *self._grid, face, spot, logp, out)
+        lows, steps = self._grid
+        _interpolate(self.values, lows, steps, face, spot, logp, out)
         return out
 
 
@@ -123,10 +127,10 @@ class Table:
     made_of: str
 
     @cached_property
-    def _kept(self) -> dict:
+    def _kept(self) -> dict[float, Slice]:
         return {}
 
-    def left(self, run, shifted: tuple[float, float]) -> list[str]:
+    def left(self, run: Any, shifted: tuple[float, float]) -> list[str]:
         """In words: where a run left this table, or the temperatures (K) between which the modulus is `shifted`."""
         T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
         low, high = max(self.T[0], shifted[0]), min(self.T[-1], shifted[1])
@@ -151,7 +155,8 @@ class Table:
 
     def _slice(self, logv: float) -> np.ndarray:
         if len(self.logv) == 1:
-            return self.values[0]
+            found: np.ndarray = self.values[0]
+            return found
         k, x = _place(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
         return np.tensordot(_weights(x), self.values[k : k + 4], 1)
 
@@ -159,7 +164,7 @@ class Table:
         """Write friction.nc, from which `tabulate` takes the table up again."""
         self.dataset().to_netcdf(Path(folder) / FILE, engine="h5netcdf")
 
-    def dataset(self):
+    def dataset(self) -> Any:
         """As xarray: mu(speed, T_face, T_spot, pressure) with units."""
         import xarray as xr
 
@@ -178,10 +183,12 @@ class Table:
 class Reading:
     """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
 
-    def __init__(self, table: Callable[[], Table]):
-        self._table, self._asked, self._found = cache(table), None, None
+    def __init__(self, table: Callable[[], Table]) -> None:
+        self._table = cache(table)
+        self._asked: tuple[Value, ...] | None = None
+        self._found: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
 
-    def __call__(self, T, now) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, T: Value, now: Any) -> tuple[np.ndarray, np.ndarray]:
         """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""
         asked = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
         if self._asked is None or any(a is not b for a, b in zip(self._asked, asked, strict=True)):
@@ -191,7 +198,14 @@ class Reading:
 
 
 def tabulate(
-    theory: Theory, rubber: Material, diameter: float, speeds, p: float, ambient: float, shallow=0.0, folder=None
+    theory: Theory,
+    rubber: Material,
+    diameter: float,
+    speeds: Value,
+    p: float,
+    ambient: float,
+    shallow: float = 0.0,
+    folder: Path | None = None,
 ) -> Table:
     """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
 
@@ -202,7 +216,16 @@ def tabulate(
 
 
 @lru_cache(maxsize=8)
-def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) -> Table:
+def _tabulated(
+    theory: Theory,
+    rubber: Material,
+    diameter: float,
+    speeds: Value,
+    p: Value,
+    ambient: Value,
+    shallow: float,
+    folder: Path | None,
+) -> Table:
     low, high = (max(v, SLOWEST) for v in speeds)
     count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
     logv = np.linspace(np.log(low), np.log(high), count)
@@ -211,7 +234,8 @@ def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) ->
     axes = [a.tolist() for a in (logv, T, logp)]
     made_of = hashlib.sha256(repr((EQUATIONS, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
     if (kept := _kept(folder, made_of)) is not None:
-        return Table(logv, T, logp, *kept, made_of)
+        values, error = kept
+        return Table(logv, T, logp, values, error, made_of)
     values = np.array([_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
     if not np.all(np.isfinite(values)):
         raise BadInput("persson_friction: friction is no finite number everywhere; check master curve and spectrum")
@@ -219,7 +243,7 @@ def _tabulated(theory, rubber, diameter, speeds, p, ambient, shallow, folder) ->
     return replace(found, error=_deviation(found, theory, rubber, diameter, shallow))
 
 
-def _kept(folder, made_of: str):
+def _kept(folder: Path | None, made_of: str) -> Any:
     """Values and error of the table in a folder, if it is of the same making."""
     if folder is None or not (Path(folder) / FILE).is_file():
         return None
@@ -234,7 +258,16 @@ def _kept(folder, made_of: str):
         return None  # damaged: made anew
 
 
-def _friction(theory, rubber, diameter, logv, face, spot, logp, shallow) -> np.ndarray:
+def _friction(
+    theory: Theory,
+    rubber: Material,
+    diameter: float,
+    logv: Value,
+    face: Value,
+    spot: Value,
+    logp: Value,
+    shallow: float,
+) -> np.ndarray:
     """mu and its part in depth (2, faces, spots, pressures) at one speed."""
     v = float(np.exp(logv))
     share = flash_share(theory.q, rubber, diameter, v)

@@ -22,11 +22,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import erfcx, ive
 
+from flashtemp.physics.arrays import Value
+
 FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
 ROOT_PI = np.sqrt(np.pi)
 
 
-def overlap(w):
+def overlap(w: Value) -> Value:
     """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
     w = np.clip(w, 0.0, 1.0)
     return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
@@ -42,7 +44,7 @@ def _build_up() -> CubicSpline:
     return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
 
 
-def overlap_integral(r):
+def overlap_integral(r: Value) -> Value:
     """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
     return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
 
@@ -57,7 +59,7 @@ def _felt() -> CubicSpline:
     return CubicSpline(logs, kappa[:, 0] * integral * ROOT_PI / FULL)
 
 
-def felt(kappa):
+def felt(kappa: Value) -> Value:
     """Flash temperature over that of a surface flux felt at its surface, eq. (13): kappa = sqrt(D t_spot)/depth.
 
     Of a source that decays over `depth`, felt at the surface, or of a surface flux, felt by the wavenumber 1/(2 depth).
@@ -65,14 +67,14 @@ def felt(kappa):
     return _felt()(np.log10(np.clip(kappa, 1e-5, 1e5)))
 
 
-def retained(tau, diameter, diffusivity):
+def retained(tau: Value, diameter: float, diffusivity: Value) -> Value:
     """R(tau): share of heat still under a disc of the given diameter (m) after tau (s), eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
     near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
     return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
-def kernel(a, b, age):
+def kernel(a: Value, b: Value, age: Value) -> Value:
     """K (1/m) of decay rates a = 2q of what feels and b = 2q' of what heats (1/m); `age` is D (t - t') in m^2."""
     s = np.sqrt(age)
     if np.ndim(a) == 0 and a == b:
@@ -80,7 +82,7 @@ def kernel(a, b, age):
     return a * b / (b * b - a * a) * (b * erfcx(a * s) - a * erfcx(b * s))
 
 
-def _alike(a, y):
+def _alike(a: Value, y: Value) -> Value:
     """K of equal rates a at y = a sqrt(age); its closed form cancels for large y."""
     near = np.minimum(y, 20.0)
     closed = 0.5 * a * ((1.0 - 2.0 * near * near) * erfcx(near) + 2.0 * near / ROOT_PI)
@@ -88,7 +90,7 @@ def _alike(a, y):
     return np.where(y > 20.0, a * (1.0 - 1.0 / far**2 + 2.25 / far**4) / (ROOT_PI * far), closed)
 
 
-def _response(y):
+def _response(y: Value) -> Value:
     """(erfcx y - 1 + 2y/sqrt pi)/y^2: mean over its duration of what a steady source has done."""
     y = np.asarray(y, dtype=float)
     safe = np.where(y > 0.02, y, 1.0)
@@ -120,7 +122,7 @@ class Memory:
     diffusivity: float
 
     @cached_property
-    def _split(self):
+    def _split(self) -> Value:
         a = 2.0 * self.q
         gap = a[None, :] ** 2 - a[:, None] ** 2
         np.fill_diagonal(gap, np.inf)
@@ -128,9 +130,10 @@ class Memory:
 
     def spread(self, heat: np.ndarray) -> np.ndarray:
         """The first of the two products for a heat (n,) W/m2 per node, to be kept with it."""
-        return self._split[0] @ heat
+        found: np.ndarray = self._split[0] @ heat
+        return found
 
-    def feel(self, age) -> tuple[np.ndarray, np.ndarray]:
+    def feel(self, age: Value) -> tuple[np.ndarray, np.ndarray]:
         """int_0^age of the two parts: off the diagonal and on it (..., n), s and s/m."""
         age = np.asarray(age, dtype=float)[..., None]
         a = 2.0 * self.q
@@ -138,10 +141,11 @@ class Memory:
         f = _response(y)
         return age * f, 0.5 * a * age * (3.0 * f - 2.0 * erfcx(y))
 
-    def rise(self, off, on, heat, spread) -> np.ndarray:
+    def rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
         """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `feel`."""
         mixed = np.sum(off * spread, axis=0) - self._split[1] @ np.sum(off * heat, axis=0)
-        return (mixed + np.sum(on * heat, axis=0)) / self.capacity
+        found: np.ndarray = (mixed + np.sum(on * heat, axis=0)) / self.capacity
+        return found
 
     def steady(self, residence: float) -> tuple[np.ndarray, np.ndarray]:
         """Weights (1, n) of a heat that has always acted, while a spot passes in `residence` s."""

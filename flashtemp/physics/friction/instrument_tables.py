@@ -7,7 +7,7 @@ A text file holds numbers in columns under lines of words.  One of those lines n
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mode
@@ -15,6 +15,7 @@ from statistics import mode
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 
 DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?")
@@ -129,7 +130,7 @@ def bare(raw: str) -> str:
     return kept if len(kept) == 1 else kept.lower()
 
 
-def _si(values, quantity: Quantity, unit: str) -> np.ndarray:
+def _si(values: Value, quantity: Quantity, unit: str) -> np.ndarray:
     factor, zero = quantity.units[unit]
     return factor * np.asarray(values, dtype=float) + zero
 
@@ -161,7 +162,7 @@ def _number(cell: str, comma: bool) -> float | None:
     return float("nan") if cell.lower() in MISSING else None
 
 
-def _row(line: str, dialect) -> list[float] | None:
+def _row(line: str, dialect: Value) -> list[float] | None:
     """The numbers of a line, None for words; a line without any number is none."""
     separator, comma = dialect
     cells = _cells(line, separator)
@@ -176,12 +177,12 @@ def _row(line: str, dialect) -> list[float] | None:
     return found if any(v == v for v in found) else None
 
 
-def _dialect(lines: list[str]):
+def _dialect(lines: list[str]) -> Value:
     sample = [line for line in lines if line.strip()][-SAMPLE:]
     return max(DIALECTS, key=lambda d: sum(_row(line, d) is not None for line in sample))
 
 
-def _parts(lines: list[str], dialect, prefix: str):
+def _parts(lines: list[str], dialect: Value, prefix: str) -> Value:
     """Header lines, rows of numbers, their line numbers and the usual width; a header may come again in between."""
     header, data, at = [], [], []
     for number, line in enumerate(lines, 1):
@@ -199,7 +200,7 @@ def _parts(lines: list[str], dialect, prefix: str):
     return header, data, at, mode(map(len, data)) if data else 0
 
 
-def _columns(header: list[str], quantities, width: int, separator: str, prefix: str) -> dict[str, Column]:
+def _columns(header: list[str], quantities: Value, width: int, separator: str, prefix: str) -> dict[str, Column]:
     """Columns named by the header line in which most quantities are recognised; none where no line names any."""
     best, found = (0, 0), {}
     for number, line in enumerate(header):
@@ -210,7 +211,7 @@ def _columns(header: list[str], quantities, width: int, separator: str, prefix: 
     return found
 
 
-def _splits(line: str, width: int, separator: str):
+def _splits(line: str, width: int, separator: str) -> Iterator[list[str]]:
     """Ways to part a header line; single blanks part names only where that gives as many as there are columns."""
     for sign in dict.fromkeys((separator.replace(" ", "\t"), "\t", ";", ",")):
         yield _cells(line, sign)
@@ -219,7 +220,7 @@ def _splits(line: str, width: int, separator: str):
         yield line.split()
 
 
-def _recognised(parts: list[str], quantities) -> dict[str, tuple[int, str, str | None]]:
+def _recognised(parts: list[str], quantities: Value) -> dict[str, tuple[int, str, str | None]]:
     """Per quantity the first cell that names it: its place, name and unit text."""
     named, taken = {}, set()
     for quantity in quantities:
@@ -254,10 +255,10 @@ def unit_word(text: str) -> str:
     return re.sub(r"[\s^*·()\[\]]", "", text.translate(ALIKE)).replace("°", "deg").replace("sec", "s")
 
 
-def _with_units(named, parts, below: list[str], quantities, prefix: str) -> dict[str, Column]:
+def _with_units(named: Value, parts: Value, below: list[str], quantities: Value, prefix: str) -> dict[str, Column]:
     """Columns with the unit of their own cell, else of a line below in which units are recognised."""
     known = {q.name: q for q in quantities}
-    line = {}
+    line: dict[str, str] = {}
     for text in below:
         for cells in _splits(text, len(parts), "\t"):
             words = {n: unit_word(cells[i]) for n, (i, *_) in named.items() if i < len(cells)}
@@ -275,13 +276,13 @@ def _with_units(named, parts, below: list[str], quantities, prefix: str) -> dict
     return columns
 
 
-def _by_order(quantities, order: Sequence[str], width: int, prefix: str) -> dict[str, Column]:
+def _by_order(quantities: Value, order: Sequence[str], width: int, prefix: str) -> dict[str, Column]:
     if width != len(order):
         raise BadInput(f"{prefix} {width} columns without names; name them in a line: {_wanted(quantities, order)}")
     known = {q.name: q for q in quantities}
     return {name: Column(i, f"column {i + 1}", known[name].default[-1][1], False) for i, name in enumerate(order)}
 
 
-def _wanted(quantities, order: Sequence[str]) -> str:
+def _wanted(quantities: Value, order: Sequence[str]) -> str:
     known = {q.name: q for q in quantities}
     return ", ".join(known[name].usual for name in order)

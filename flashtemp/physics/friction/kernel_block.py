@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.heat_kernels import ROOT_PI, overlap_integral, retained
 from flashtemp.physics.material import Material
 
@@ -45,7 +46,7 @@ class Sliding:
     ambient: float
     widening: bool = True
 
-    def retained(self, tau):
+    def retained(self, tau: Value) -> Value:
         """Share of the heat that is still under a spot, eq. (15b), never below the contact fraction."""
         if not self.widening:
             return np.ones_like(tau)
@@ -71,7 +72,7 @@ class Sliding:
                 out[i, max(j - 1, 0)] += np.sum(part * (1.0 - share))
         return out
 
-    def march(self, duration: float, friction: Callable, times: int = 80, places: int = 60) -> Warmth:
+    def march(self, duration: float, friction: Callable[..., Value], times: int = 80, places: int = 60) -> Warmth:
         """Slide for `duration` s with friction(T_spot, T_face) (m,); times denser at the start.
 
         The road is taken as settled: it passes in L/v, in which the block hardly changes; the first L/v is no result.
@@ -106,7 +107,8 @@ class Sliding:
     def flash(self, t: float) -> float:
         """Resistance (m2 K/W) of the excess in a spot over the face, built up over the distance slid: V10, V11."""
         theta = overlap_integral(self.speed * t / self.diameter) / ROOT_PI
-        return (1 - self.fraction) * theta * np.sqrt(self.diameter / self.speed) / self.rubber.effusivity
+        found: float = (1 - self.fraction) * theta * np.sqrt(self.diameter / self.speed) / self.rubber.effusivity
+        return found
 
     def _history(self, t: np.ndarray) -> np.ndarray:
         """Weights (n + 1,) K m2/W at t[-1] of fluxes per spot area, linear in time between the moments t."""
@@ -118,4 +120,5 @@ class Sliding:
         weights = np.zeros(len(t))
         weights[:-1] += early
         weights[1:] += whole - early
-        return self.fraction * weights / (ROOT_PI * self.rubber.effusivity)
+        found: np.ndarray = self.fraction * weights / (ROOT_PI * self.rubber.effusivity)
+        return found

@@ -15,6 +15,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation
 from flashtemp.physics.friction.instrument_tables import Quantity, Table, of_rows, read
 from flashtemp.physics.friction.rheology import WLF, Measured, Shifts
+from flashtemp.physics.interpolation import Source
 from flashtemp.physics.quantities import KELVIN
 
 SAME = 1e-3  # decades: frequencies closer than this are one
@@ -98,18 +99,20 @@ class Sweeps:
         """Rms distance of log10 E' between sweeps next in temperature where they overlap, decades; nan if nowhere."""
         x, y = np.log10(self.reduced(shift)), np.log10(self.storage)
         means = np.array(self.temperatures)
-        sweep = np.argmin(np.abs(self.T[:, None] - means), axis=1)
-        apart = [np.empty(0)]
+        sweep = np.argmin(np.abs(np.asarray(self.T)[:, None] - means), axis=1)
+        parts = [np.empty(0)]
         for k in range(len(means) - 1):
             here, there = sweep == k, np.flatnonzero(sweep == k + 1)
             there = there[np.argsort(x[there])]
             inside = here & (x >= x[there[0]]) & (x <= x[there[-1]])
-            apart.append(y[inside] - np.interp(x[inside], x[there], y[there]))
-        apart = np.concatenate(apart)
+            parts.append(y[inside] - np.interp(x[inside], x[there], y[there]))
+        apart = np.concatenate(parts)
         return float(np.sqrt(np.mean(apart**2))) if len(apart) else float("nan")
 
 
-def read_master(source, folder: Path, key: str, shift: WLF | Shifts | None = None, poisson: float = 0.5) -> Measured:
+def read_master(
+    source: Source, folder: Path, key: str, shift: WLF | Shifts | None = None, poisson: float = 0.5
+) -> Measured:
     """The master curve of a file or of rows [omega rad/s, E' Pa, E'' Pa]; raw sweeps are reduced by `shift`.
 
     Raises BadInput naming key, file and line where numbers or units cannot be right, for sweeps at several
@@ -134,7 +137,7 @@ def read_master(source, folder: Path, key: str, shift: WLF | Shifts | None = Non
     return curve
 
 
-def read_sweeps(source, folder: Path, key: str, poisson: float = 0.5) -> Sweeps:
+def read_sweeps(source: Source, folder: Path, key: str, poisson: float = 0.5) -> Sweeps:
     """Rows of a file or of a case as measured, checked.  Raises BadInput as `read_master` does."""
     if isinstance(source, (list, tuple)):
         table = of_rows(interpolation.rows(source, folder, key, 3), key, (FREQUENCY, STORAGE, LOSS))
@@ -179,7 +182,7 @@ def _positive(table: Table, name: str, low: float, high: float, right: str, hint
     table.need(~((values > low) & (values < high)), name, right, hint)
 
 
-def read_shift(source, folder: Path, key: str) -> Shifts:
+def read_shift(source: Source, folder: Path, key: str) -> Shifts:
     """Shift factors of a file or of rows [T degC, log10 a_T], rows at the same temperature averaged.
 
     Raises BadInput where temperatures or factors cannot be right: log10 a_T falls with temperature.

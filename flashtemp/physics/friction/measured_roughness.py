@@ -11,14 +11,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import library
 from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
 from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
+from flashtemp.physics.interpolation import Source
 
 PER_DECADE = 20  # bins of q of an area
 PER_DECADE_LINE = 10  # of a line, whose spectrum is differentiated
@@ -55,7 +58,7 @@ HEIGHT = Quantity(
 )  # fmt: skip
 
 
-def read_spectrum(source, folder: Path, key: str) -> Points:
+def read_spectrum(source: Source, folder: Path, key: str) -> Points:
     """C(q) of a file or of rows [q 1/m, C m^4]; rows at the same wavenumber are averaged (log mean).
 
     Raises BadInput naming key, file and line for values <= 0, and where the rms height shows wrong units.
@@ -105,7 +108,7 @@ def without_spikes(heights: np.ndarray) -> np.ndarray:
     return np.where(away > limit, np.nan, h) if limit > 0 else h
 
 
-def of_topography(heights: np.ndarray, pixel, longest: float = np.inf) -> Points:
+def of_topography(heights: np.ndarray, pixel: Value, longest: float = np.inf) -> Points:
     """C(q) of heights (nx, ny) in m, missing ones nan, `pixel` m (or one per axis), without waves over `longest` m.
 
     Tilt is taken off, a Hann window applied, missing points filled smoothly; q goes from two waves over the field
@@ -163,7 +166,8 @@ def isotropic(k: np.ndarray, S: np.ndarray) -> np.ndarray:
     held = np.minimum(at, x[-1])
     slope = np.where(inside, curve(held, 1), beyond)
     ln_S = curve(held) + beyond * (at - held)
-    return np.trapezoid(-slope * np.exp(ln_S - at), u, axis=1) / np.pi
+    found: np.ndarray = np.trapezoid(-slope * np.exp(ln_S - at), u, axis=1) / np.pi
+    return found
 
 
 @dataclass(frozen=True)
@@ -195,7 +199,7 @@ class Summary:
             said.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
         return said
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """For --json: lengths and wavelengths in m, level in m^4."""
         waves = {"rolloff_m": self.law.rolloff, "longest_m": self.q0, "shortest_m": self.q1}
         return {
@@ -245,7 +249,7 @@ def fit(points: Points, longest: float = np.inf, shortest: float = 0.0) -> SelfA
     return SelfAffine(float(np.exp(level)), float(np.exp(start)), float(-slope / 2 - 1))
 
 
-def _line(x, y, weight) -> tuple[np.ndarray, float]:
+def _line(x: Value, y: Value, weight: Value) -> tuple[np.ndarray, float]:
     found = np.polyfit(x, y, 1, w=np.sqrt(weight))
     return found, float(np.sum(weight * (y - np.polyval(found, x)) ** 2))
 
@@ -259,7 +263,7 @@ def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.nda
     return np.asarray(found[0][0])[full], np.mean([np.asarray(C)[full] for _, C in found], axis=0) / (2 * np.pi)
 
 
-def _scan(heights: np.ndarray, step: float, cut: bool = True):
+def _scan(heights: np.ndarray, step: float, cut: bool = True) -> Value:
     """A line without tilt; gaps bridged by straight lines, missing ends `cut` or held."""
     h = np.asarray(heights, dtype=float)
     if _missing(h):
@@ -278,7 +282,7 @@ def _missing(h: np.ndarray) -> bool:
     return share > 0
 
 
-def _points(q, C, longest: float, where: str) -> Points:
+def _points(q: Value, C: Value, longest: float, where: str) -> Points:
     q, C = np.ma.filled(np.ma.masked_where(np.ma.getmaskarray(C), q), np.nan), np.ma.filled(C, np.nan)
     keep = (q >= (1 - 1e-9) * 2 * np.pi / longest) & np.isfinite(C)
     if keep.sum() < 3:
@@ -288,7 +292,7 @@ def _points(q, C, longest: float, where: str) -> Points:
     return _plausible(q[keep], C[keep], where)
 
 
-def _plausible(q, C, where: str) -> Points:
+def _plausible(q: Value, C: Value, where: str) -> Points:
     """Points, if their rms height can be that of a road.  Raises BadInput."""
     points = Points(tuple(map(float, q)), tuple(map(float, C)))
     height = Spectrum(points, *points.reach).height

@@ -37,6 +37,7 @@ def sliding(rubber: Material, road: Material, size: float, share: float) -> Call
 
     def law(v: float) -> float:
         h_R = max(rest, 2.0 / np.sqrt(np.pi) * rubber.effusivity * np.sqrt(v / size))
-        return share * h_R * h_S / (h_R + h_S)
+        found: float = share * h_R * h_S / (h_R + h_S)
+        return found
 
     return law

@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.adhesive_shear import Shear
 from flashtemp.physics.friction.rheology import Rubber
 from flashtemp.physics.friction.roughness_spectrum import Spectrum
@@ -39,7 +40,7 @@ class Payne:
     strain: float = 0.05
     power: float = 0.6
 
-    def __call__(self, strain):
+    def __call__(self, strain: Value) -> Value:
         """Factor on the modulus."""
         return self.rest + (1.0 - self.rest) / (1.0 + (strain / self.strain) ** (2 * self.power))
 
@@ -55,7 +56,7 @@ class Enlarged:
     factor: tuple[float, ...]
     viscous: float = 1.0
 
-    def __call__(self, p):
+    def __call__(self, p: Value) -> Value:
         """Factor on the area in contact at nominal pressures p (Pa), ends held."""
         return np.exp(np.interp(np.log(p), np.log(self.pressure), np.log(self.factor)))
 
@@ -79,13 +80,13 @@ class Found:
     area: np.ndarray
 
     @property
-    def mu(self):
+    def mu(self) -> Value:
         """Friction coefficient, viscoelastic and adhesive."""
         return self.viscous + self.adhesive
 
 
 @lru_cache(maxsize=16)
-def _angular(rubber: Rubber):
+def _angular(rubber: Rubber) -> Value:
     """ln int |E|^2 dphi and int cos phi Im E dphi over its root, against ln(q v a_T); E over 1 - nu^2, Pa."""
     x, w = np.polynomial.legendre.leggauss(ANGLES)
     cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
@@ -117,7 +118,7 @@ class Theory:
     enlarged: tuple[Enlarged, ...] = ()
 
     @cached_property
-    def _nodes(self):
+    def _nodes(self) -> Value:
         """Gauss nodes (n,) of q in panels of ln q, their weights dq, and integrals from q0 up to each node."""
         edges = np.log(self.road.edges())
         x, w = np.polynomial.legendre.leggauss(ORDER)
@@ -131,7 +132,8 @@ class Theory:
     @property
     def q(self) -> np.ndarray:
         """Wavenumbers (n,) of the nodes, 1/m."""
-        return self._nodes[0].ravel()
+        found: np.ndarray = self._nodes[0].ravel()
+        return found
 
     def up_to(self, values: np.ndarray) -> np.ndarray:
         """Integrals of q-densities (..., n) from q0 up to every node."""
@@ -139,9 +141,10 @@ class Theory:
         f = values.reshape(*values.shape[:-1], *q.shape)
         panel = np.sum(f * weight, axis=-1)
         before = np.cumsum(panel, axis=-1) - panel
-        return (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
+        found: np.ndarray = (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
+        return found
 
-    def __call__(self, v, T, p, surface=None) -> Found:
+    def __call__(self, v: Value, T: Value, p: Value, surface: Value = None) -> Found:
         """Contact and friction at speed v (m/s), temperature T (K) and nominal pressure p (Pa), which broadcast (...).
 
         T may be (..., n), one value per wavenumber; then `surface` (...) K is that of the real contact, T at q1
@@ -186,14 +189,15 @@ class Theory:
         adhesive = 0.0 * viscous if self.shear is None else self.shear(v[..., 0], surface) * area / p[..., 0]
         return Found(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
 
-    def _fraction(self, G):
+    def _fraction(self, G: Value) -> Value:
         """P of G: erf(1/(2 sqrt G)), or its tangent at small contact where saturation is left out."""
         return erf(0.5 / np.sqrt(G)) if self.saturation else 1.0 / np.sqrt(np.pi * G)
 
     @property
     def weight(self) -> np.ndarray:
         """Gauss weights dq (n,) of the nodes, 1/m."""
-        return self._nodes[1].ravel()
+        found: np.ndarray = self._nodes[1].ravel()
+        return found
 
     def upto(self, q: float) -> Theory:
         """The theory of the same road without waves shorter than those of q (1/m).  Raises BadInput below its waves."""
@@ -205,17 +209,17 @@ class Theory:
             )
         return _cut(self, q)
 
-    def covering(self, q: float, T: float, p: float) -> Callable:
+    def covering(self, q: float, T: float, p: float) -> Callable[..., Value]:
         """Law (v, p) of P at one wavenumber q (1/m) at T (K), around a pressure p (Pa): G falls as 1/p^2 there."""
 
         cut = self.upto(q)
 
         @lru_cache(maxsize=2)
-        def resisting(v):  # Pa
+        def resisting(v: Value) -> Value:  # Pa
             return p * np.sqrt(cut(v, T, p).stretch)
 
         return lambda v, local: erf(0.5 * local / resisting(v))
 
-    def contact(self, q: float, v, T, p):
+    def contact(self, q: float, v: Value, T: Value, p: Value) -> Value:
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
         return self.upto(q)(v, T, p).area

@@ -10,9 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+
+from flashtemp.physics.arrays import Value
 
 ABOVE_POLE, HOT = 20.0, 423.15  # K above the WLF pole; K: the shift is held beyond
 
@@ -28,7 +31,7 @@ class ColeCole:
 
     reach = (0.0, np.inf)
 
-    def __call__(self, omega):
+    def __call__(self, omega: Value) -> Value:
         s = (1j * np.asarray(omega, dtype=float) * self.time) ** self.exponent
         return self.relaxed + (self.unrelaxed - self.relaxed) * s / (1.0 + s)
 
@@ -43,7 +46,7 @@ class Prony:
 
     reach = (0.0, np.inf)
 
-    def __call__(self, omega):
+    def __call__(self, omega: Value) -> Value:
         iwt = 1j * np.multiply.outer(np.asarray(omega, dtype=float), self.times)
         return self.relaxed + (iwt / (1.0 + iwt)) @ np.array(self.moduli)
 
@@ -62,11 +65,11 @@ class Measured:
         return self.omega[0], self.omega[-1]
 
     @cached_property
-    def _logs(self):
+    def _logs(self) -> Any:
         x = np.log(self.omega)
         return tuple(PchipInterpolator(x, np.log(y)) for y in (self.storage, self.loss))
 
-    def __call__(self, omega):
+    def __call__(self, omega: Value) -> Value:
         x = np.log(np.clip(omega, *self.reach))
         storage, loss = self._logs
         return np.exp(storage(x)) + 1j * np.exp(loss(x))
@@ -85,7 +88,7 @@ class WLF:
         """Temperatures (K) between which the law is used."""
         return min(self.reference - self.c2 + ABOVE_POLE, self.reference), max(HOT, self.reference)
 
-    def __call__(self, T):
+    def __call__(self, T: Value) -> Value:
         """a_T at T in K."""
         d = np.clip(T, *self.reach) - self.reference
         return 10.0 ** (-self.c1 * d / (self.c2 + d))
@@ -104,10 +107,10 @@ class Shifts:
         return self.T[0], self.T[-1]
 
     @cached_property
-    def _curve(self):
+    def _curve(self) -> Any:
         return PchipInterpolator(self.T, self.decades)
 
-    def __call__(self, T):
+    def __call__(self, T: Value) -> Value:
         """a_T at T in K."""
         return 10.0 ** self._curve(np.clip(T, *self.reach))
 
@@ -121,11 +124,11 @@ class Rubber:
     poisson: float = 0.5
     name: str = "rubber"
 
-    def factor(self, T):
+    def factor(self, T: Value) -> Value:
         """Shift factor a_T at T (K)."""
         return self.shift(T)
 
-    def __call__(self, omega, T):
+    def __call__(self, omega: Value, T: Value) -> Value:
         """E (Pa, complex) at angular frequency (rad/s) and T (K)."""
         return self.modulus(np.asarray(omega) * self.factor(T))
 

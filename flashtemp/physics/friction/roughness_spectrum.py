@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 
 SLOPE = 1.3  # rms slope at which spectra end: Persson's usual cut-off
 
@@ -26,7 +28,7 @@ class SelfAffine:
     rolloff: float
     hurst: float
 
-    def __call__(self, q):
+    def __call__(self, q: Value) -> Value:
         return self.level * np.maximum(np.asarray(q) / self.rolloff, 1.0) ** (-2.0 - 2.0 * self.hurst)
 
     @property
@@ -56,13 +58,13 @@ class Points:
         return self.q[0], self.q[-1]
 
     @cached_property
-    def _logs(self):
+    def _logs(self) -> Any:
         x, y = np.log(self.q), np.log(self.C)
         upper = x > x[-1] - np.log(10.0)  # the last decade tells the power law beyond
         slope = np.polyfit(x[upper], y[upper], 1)[0] if upper.sum() > 2 else (y[-1] - y[-2]) / (x[-1] - x[-2])
         return x, y, float(np.clip(slope, -4.0, -2.0))
 
-    def __call__(self, q):
+    def __call__(self, q: Value) -> Value:
         x, y, slope = self._logs
         at = np.log(q)
         return np.exp(np.interp(at, x, y) + slope * np.maximum(at - x[-1], 0.0))
@@ -77,7 +79,7 @@ class Spectrum:
     q1: float
     name: str = "road"
 
-    def __call__(self, q):
+    def __call__(self, q: Value) -> Value:
         """C in m^4."""
         return self.law(q)
 
@@ -124,7 +126,7 @@ class Spectrum:
 
 
 def self_affine(
-    height: float, rolloff: float, hurst: float, q0: float, slope: float | None = SLOPE, name="road"
+    height: float, rolloff: float, hurst: float, q0: float, slope: float | None = SLOPE, name: str = "road"
 ) -> Spectrum:
     """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope if given.
 

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import touching
 from flashtemp.physics.friction.persson import Enlarged
 from flashtemp.physics.friction.roughness_spectrum import READY, Spectrum
@@ -80,7 +81,7 @@ class Ratio:
     bend: float
     power: float
 
-    def __call__(self, load):
+    def __call__(self, load: Value) -> Value:
         """Fitted R at loads p/E*, falling with load."""
         x = (np.asarray(load) / self.bend) ** self.power
         return np.exp(self.top + (self.end - self.top) * x / (1.0 + x))
@@ -88,12 +89,13 @@ class Ratio:
     @property
     def spread(self) -> np.ndarray:
         """Relative standard deviation (n,) of one seed about the fit."""
-        return np.sqrt(np.mean((self.each / self(self.load) - 1.0) ** 2, axis=0))
+        found: np.ndarray = np.sqrt(np.mean((self.each / self(self.load) - 1.0) ** 2, axis=0))
+        return found
 
 
 def area(
     f: float,
-    loads: Sequence[float],
+    loads: Value,
     grid: int = GRID,
     seeds: Sequence[int] = SEEDS,
     road: Spectrum = READY["asphalt A"],
@@ -127,7 +129,7 @@ def gaussian(road: Spectrum, grid: int, seed: int) -> tuple[np.ndarray, float]:
 
 def ratio(
     f: float,
-    loads: Sequence[float],
+    loads: Value,
     grid: int = GRID,
     seeds: Sequence[int] = SEEDS,
     road: Spectrum = READY["asphalt A"],
@@ -149,11 +151,11 @@ def ratio(
     return Ratio(loads, each, means, *_fit(loads, np.log(each).mean(axis=0), f, g))
 
 
-def _fit(loads, logs, f: float, g: float) -> tuple[float, float, float, float]:
+def _fit(loads: Value, logs: Value, f: float, g: float) -> tuple[float, float, float, float]:
     """`top`, `end`, `bend` and `power` of Ratio: R lies between g, since A is concave in p, and g/f."""
     top = float(np.log(g / f))
 
-    def model(x):
+    def model(x: Value) -> Value:
         part = np.exp(x[1] * (np.log(loads) - x[0]))
         return top + (x[2] * np.log(g) - top) * part / (1.0 + part)
 
@@ -188,7 +190,7 @@ def skewed(
     return Enlarged(tuple(p.tolist()), tuple(found(p / modulus).tolist()), viscous)
 
 
-def _checked(f: float, loads, grid: int, seeds) -> np.ndarray:
+def _checked(f: float, loads: Value, grid: int, seeds: Value) -> np.ndarray:
     loads = np.asarray(loads, dtype=float)
     if not 0.0 < f <= 1.0:
         raise BadInput(f"f: {f:g}; give a factor on the heights above the mean plane, 0 < f <= 1")
@@ -196,4 +198,5 @@ def _checked(f: float, loads, grid: int, seeds) -> np.ndarray:
         raise BadInput(f"loads: {loads.tolist()}; give pressures over modulus > 0")
     if grid < 32 or len(seeds) == 0:
         raise BadInput(f"grid: {grid} points a side, {len(seeds)} seeds; give at least 32 points and one seed")
-    return loads
+    found: np.ndarray = loads
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput, nearest
 from flashtemp.physics import interpolation
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction import rheology, roughness_spectrum
 from flashtemp.physics.friction.adhesive_shear import Shear
 from flashtemp.physics.friction.persson import Payne, Theory
@@ -27,7 +29,7 @@ COLE_COLE = {"relaxed": "Pa", "unrelaxed": "Pa", "exponent": "1", "time": "s"}
 SELF_AFFINE = {"height": "m", "rolloff": "1/m", "hurst": "1", "lowest": "1/m"}
 
 
-def theory(values: dict[str, Any], folder, table: str) -> Theory:
+def theory(values: dict[str, Any], folder: Path, table: str) -> Theory:
     """The theory that the keys of `table` describe; files are looked up in `folder`.  Raises BadInput."""
     shear = None
     if values["shear_stress"] > 0:
@@ -40,7 +42,7 @@ def theory(values: dict[str, Any], folder, table: str) -> Theory:
     return replace(plain, enlarged=_enlarged(values["flattened"], values["work_of_adhesion"], plain))
 
 
-def _rubber(values, folder, table: str) -> rheology.Rubber:
+def _rubber(values: dict[str, Any], folder: Path, table: str) -> rheology.Rubber:
     constants = values["wlf"]
     if constants is not None and (len(constants) != 2 or not all(map(_positive, constants))):
         raise BadInput(f"{table}.wlf: {constants!r}; give the two constants C1 and C2 (K), both > 0")
@@ -54,7 +56,8 @@ def _rubber(values, folder, table: str) -> rheology.Rubber:
         return replace(rheology.READY[name], poisson=values["poisson"])
     from flashtemp.physics.friction import master_curve_files
 
-    shift = rheology.WLF(*(constants or USUAL_WLF), values["reference"] + KELVIN)
+    c1, c2 = constants or USUAL_WLF
+    shift: rheology.WLF | rheology.Shifts = rheology.WLF(c1, c2, values["reference"] + KELVIN)
     told = constants or values["shift"]
     if values["shift"] is not None:
         shift = master_curve_files.read_shift(values["shift"], folder, f"{table}.shift")
@@ -65,7 +68,7 @@ def _rubber(values, folder, table: str) -> rheology.Rubber:
     return rheology.Rubber(curve, shift, values["poisson"], "measured")
 
 
-def _analytic(given: dict, key: str) -> rheology.ColeCole | rheology.Prony:
+def _analytic(given: dict[str, Any], key: str) -> rheology.ColeCole | rheology.Prony:
     """A Cole-Cole curve, or a Prony series { relaxed, terms = [[E_i, tau_i], ...] }."""
     if set(given) == {"relaxed", "terms"}:
         terms = interpolation.rows(given["terms"], Path(), f"{key}.terms", 2)
@@ -78,17 +81,17 @@ def _analytic(given: dict, key: str) -> rheology.ColeCole | rheology.Prony:
     return rheology.ColeCole(**{k: float(v) for k, v in given.items()})
 
 
-def _needs(given: dict, units: dict[str, str], key: str, otherwise: str) -> None:
+def _needs(given: dict[str, Any], units: dict[str, str], key: str, otherwise: str) -> None:
     if set(given) != set(units) or not all(_positive(v) for v in given.values()):
         words = ", ".join(f"{k} = {unit}" for k, unit in units.items())
         raise BadInput(f"{key}: {given!r}; give {{ {words} }}, all > 0, {otherwise}")
 
 
-def _positive(value) -> bool:
+def _positive(value: Value) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")
 
 
-def _road(values, folder, table: str) -> roughness_spectrum.Spectrum:
+def _road(values: dict[str, Any], folder: Path, table: str) -> roughness_spectrum.Spectrum:
     if values["spectrum"] is None:
         name = values["road"]
         if name not in roughness_spectrum.READY:
@@ -98,7 +101,8 @@ def _road(values, folder, table: str) -> roughness_spectrum.Spectrum:
         _needs(given, SELF_AFFINE, f"{table}.spectrum", "a CSV file or rows of [1/m, m4]")
         if not (given["hurst"] < 1 and given["rolloff"] > given["lowest"]):
             raise BadInput(f"{table}.spectrum: {given!r}; give hurst < 1 and a rolloff above the lowest")
-        road = roughness_spectrum.self_affine(*(given[k] for k in SELF_AFFINE), slope=None, name="given")
+        height, rolloff, hurst, lowest = (given[k] for k in SELF_AFFINE)
+        road = roughness_spectrum.self_affine(height, rolloff, hurst, lowest, slope=None, name="given")
     else:
         from flashtemp.physics.friction import measured_roughness
 
@@ -115,11 +119,11 @@ def _road(values, folder, table: str) -> roughness_spectrum.Spectrum:
         raise BadInput(f"{table}.{fault}") from fault
 
 
-def _unknown(key: str, name: str, ready, otherwise: str) -> str:
+def _unknown(key: str, name: str, ready: Collection[str], otherwise: str) -> str:
     return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
 
 
-def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
+def _enlarged(flattened: float, work: float, plain: Theory) -> tuple[Any, ...]:
     """What skewness and work of adhesion do to the area."""
     modulus = low_modulus(plain)
     skewed = (_skewed(flattened, modulus, plain.road),) if flattened < 1.0 else ()
@@ -127,14 +131,14 @@ def _enlarged(flattened: float, work: float, plain: Theory) -> tuple:
 
 
 @lru_cache(maxsize=32)
-def _skewed(flattened: float, modulus: float, road: roughness_spectrum.Spectrum):
+def _skewed(flattened: float, modulus: float, road: roughness_spectrum.Spectrum) -> Any:
     from flashtemp.physics.friction import skewness
 
     return skewness.skewed(flattened, modulus, tuple(PRESSED.tolist()), SKEW_GRID, road=road)
 
 
 @lru_cache(maxsize=32)
-def _attracted(work: float, plain: Theory):
+def _attracted(work: float, plain: Theory) -> Any:
     from flashtemp.physics.friction import adhesion
 
     return adhesion.attracted(plain, CREEP, 293.15, work, PRESSED, viscous=0.0)
@@ -171,7 +175,7 @@ def depths(theory: Theory, v: float, T: float, p: float, shallow: float) -> list
     return [(s, d) for s, d in out if s > 1e-6]
 
 
-def beyond(theory: Theory, speeds, T: float, p: float) -> list[str]:
+def beyond(theory: Theory, speeds: Value, T: float, p: float) -> list[str]:
     """In words: how much friction comes from frequencies or wavenumbers that nobody measured; speeds in m/s, T in K."""
     said = [line for v in speeds for line in _beyond(theory, v, T, p)]
     return list(dict.fromkeys(said))

@@ -17,12 +17,14 @@ Per unit area, from the moment the rubber touches the road (u = vs = r = 0):
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import SolverFailure
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.cold_hot_law import SLOWEST, Law
 from flashtemp.physics.friction.curve_peak import Peak, highest
 from flashtemp.physics.friction.flash_temperature import Slide, Spots
@@ -74,7 +76,7 @@ class Path(NamedTuple):
     traction: np.ndarray
 
 
-def through(tread: Tread, law: Law, slips, steps: int = STEPS) -> Path:
+def through(tread: Tread, law: Law, slips: Value, steps: int = STEPS) -> Path:
     """The path of a tread block with the cold-hot law, at all slips (m,) at once.  Raises SolverFailure."""
     return _march(tread, law, tread.speed * np.asarray(slips, dtype=float), steps)
 
@@ -89,11 +91,11 @@ def remembering(
     slide = Slide(theory, rubber, spots, T0, tread.pressure, steps)
     before, highest = slide.T, [slide.T.max()]
 
-    def friction(v, r):
+    def friction(v: Value, r: Value) -> Value:
         T = np.maximum(2.0 * slide.T - before, T0)
         return theory(np.maximum(v, SLOWEST), T, tread.pressure).mu
 
-    def done(dt, v):
+    def done(dt: Value, v: Value) -> None:
         nonlocal before
         before = slide.T
         slide.step(dt, float(v[0]))
@@ -103,7 +105,13 @@ def remembering(
     return path, np.array(highest)
 
 
-def _march(tread: Tread, friction, pull: np.ndarray, steps: int, done=lambda dt, v: None) -> Path:
+def _march(
+    tread: Tread,
+    friction: Callable[..., Value],
+    pull: np.ndarray,
+    steps: int,
+    done: Callable[..., None] = lambda dt, v: None,
+) -> Path:
     """Second-order backward differences over equal steps; the speed is found exactly, sticking included."""
     k, m, p = tread.stiffness, tread.mass, tread.pressure
     dt = tread.contact_time / steps
@@ -121,7 +129,9 @@ def _march(tread: Tread, friction, pull: np.ndarray, steps: int, done=lambda dt,
     return Path(dt * np.arange(steps + 1), u, r, v, mu, k * u / p)
 
 
-def _speed(stress, drive: np.ndarray, drag: float, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _speed(
+    stress: Callable[..., Any], drive: np.ndarray, drag: float, guess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Speeds v >= 0 (m,) with drag v + stress(v) = drive, 0 where the stress at rest holds; and the stress (Pa).
 
     Newton's method kept between bounds that close in on the root.  Raises SolverFailure.
@@ -156,17 +166,19 @@ def deviation(path: Path, law: Law) -> float:
 
 def mean_traction(path: Path) -> np.ndarray:
     """Mean over the footprint of k_t u/p (m,): the friction of the whole block at every slip."""
-    return np.trapezoid(path.traction, path.time, axis=0) / path.time[-1]
+    found: np.ndarray = np.trapezoid(path.traction, path.time, axis=0) / path.time[-1]
+    return found
 
 
-def chatters(path: Path, pull) -> np.ndarray:
+def chatters(path: Path, pull: Value) -> np.ndarray:
     """Which paths (m,) stop again after they slid at half of what pulls them (m/s): friction that falls with speed."""
     pull = np.asarray(pull, dtype=float)
     fast = np.maximum.accumulate(path.speed > 0.5 * pull, axis=0)
-    return np.any(fast & (path.speed < 0.1 * pull), axis=0)
+    found: np.ndarray = np.any(fast & (path.speed < 0.1 * pull), axis=0)
+    return found
 
 
-def settled(tread: Tread, law: Law, slips, first: int, most: int) -> tuple[Path, float]:
+def settled(tread: Tread, law: Law, slips: Value, first: int, most: int) -> tuple[Path, float]:
     """The law's path at slips (m,), and by which share the friction of the footprint moves with twice its steps.
 
     From `first` on steps are doubled until that share is below SETTLED, where the block chatters twice in a row, or up
@@ -208,7 +220,8 @@ class Rolled:
         """At which slips (m,) the block sticks and slips, with the law or with the kernel theory."""
         pull = self.tread.speed * self.slips
         kernel = [chatters(path, v)[0] for (path, _), v in zip(self.kernel, pull, strict=True)]
-        return chatters(self.path, pull) | np.array(kernel)
+        found: np.ndarray = chatters(self.path, pull) | np.array(kernel)
+        return found
 
     @property
     def to_hot(self) -> np.ndarray:
@@ -221,7 +234,7 @@ class Rolled:
             (cold - mu) / (cold - hot) if abs(cold - hot) >= APART * abs(cold) else np.nan for (cold, hot), mu in ends
         ])  # fmt: skip
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; lengths in m, speeds in m/s, temperatures in degC."""
         rows = []
         each = zip(self.slips, self.kernel, self.to_hot, self.chatter, strict=True)
@@ -244,7 +257,7 @@ class Rolled:
             "memory_m": self.law.r0, "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
         }  # fmt: skip
 
-    def rows(self):
+    def rows(self) -> Iterator[str]:
         """Columns and rows of the paths: law and kernel theory at every slip."""
         yield "slip,theory,time_s,slid_m,shear_m,speed_m_s,mu,traction"
         for i, slip in enumerate(self.slips):
@@ -255,7 +268,14 @@ class Rolled:
 
 
 def roll(
-    tread: Tread, law: Law, theory: Theory, rubber: Material, spots: Spots, T0: float, slips, watch=None
+    tread: Tread,
+    law: Law,
+    theory: Theory,
+    rubber: Material,
+    spots: Spots,
+    T0: float,
+    slips: Value,
+    watch: Callable[..., Any] | None = None,
 ) -> Rolled:
     """A tread block (Rolled) through its footprint at every slip, with the law and with the kernel theory.
 

@@ -15,13 +15,16 @@ pulls every bristle sideways with v_R tan(a).  Rigid bristles slide over l tan(a
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
+from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.cold_hot_law import Law
 from flashtemp.physics.friction.curve_peak import Peak, highest
 from flashtemp.physics.friction.tread_block import Path, Tread, chatters, through
@@ -42,15 +45,15 @@ class Tyre:
     width: float
     pressure: float
 
-    def length(self, load):
+    def length(self, load: Value) -> Value:
         """Longest line l0 (m) of the footprint at a load (N)."""
         return 4.0 * np.asarray(load) / (np.pi * self.pressure * self.width)
 
-    def pull(self, angles):
+    def pull(self, angles: Value) -> Value:
         """Speed (m/s) at which the road moves sideways under the tyre at slip angles (deg)."""
         return self.speed * np.tan(np.radians(angles))
 
-    def lines(self, load) -> tuple[np.ndarray, np.ndarray]:
+    def lines(self, load: Value) -> tuple[np.ndarray, np.ndarray]:
         """Lengths (LINES,) m of lines across the footprint and the widths (m) they stand for."""
         cos, weight = _across()
         return self.length(load) * cos, self.width * weight
@@ -64,7 +67,7 @@ def _across() -> tuple[np.ndarray, np.ndarray]:
     return cos, 0.25 * np.pi * w * cos
 
 
-def rigid(tyre: Tyre, law: Law, loads, angles) -> np.ndarray:
+def rigid(tyre: Tyre, law: Law, loads: Value, angles: Value) -> np.ndarray:
     """Side force over load (n_loads, n_angles) with rigid bristles, V24; loads N, slip angles deg > 0."""
     angles = np.asarray(angles, dtype=float)
     cold, hot = law.ends(tyre.pull(angles))
@@ -77,7 +80,7 @@ def rigid(tyre: Tyre, law: Law, loads, angles) -> np.ndarray:
     return np.array(out)
 
 
-def rigid_peak(tyre: Tyre, law: Law, load: float, angles) -> Peak:
+def rigid_peak(tyre: Tyre, law: Law, load: float, angles: Value) -> Peak:
     """Highest point of `rigid` between the lowest and the highest of some slip angles (deg), which also bracket it."""
     angles = np.asarray(angles, dtype=float)
     i = int(np.argmax(rigid(tyre, law, [load], angles)[0]))
@@ -91,12 +94,14 @@ def rigid_peak(tyre: Tyre, law: Law, load: float, angles) -> Peak:
     return Peak(float(found.x), float(-found.fun))
 
 
-def bristle(tyre: Tyre, loads, stiffness: float, mass: float) -> Tread:
+def bristle(tyre: Tyre, loads: Value, stiffness: float, mass: float) -> Tread:
     """What every bristle is (Pa/m, kg/m2), on its way through the longest line of all loads (N)."""
     return Tread(tyre.speed, float(np.max(tyre.length(loads))), stiffness, mass, tyre.pressure)
 
 
-def brush(tyre: Tyre, law: Law, loads, angles, stiffness: float, mass: float, steps: int = STEPS):
+def brush(
+    tyre: Tyre, law: Law, loads: Value, angles: Value, stiffness: float, mass: float, steps: int = STEPS
+) -> Value:
     """Side force over load (n_loads, n_angles) of bristles that shear, and the path (Path) of a bristle at every angle.
 
     All bristles at one angle share one path, which short lines leave early.  Raises SolverFailure.
@@ -141,7 +146,8 @@ class Cornering:
         """Share of the highest side force over load that is lost from the lowest to the highest load."""
         order = np.argsort(self.loads)
         first, last = (self.peaks[model, law][i].value for i in (order[0], order[-1]))
-        return 1.0 - last / first
+        found: float = 1.0 - last / first
+        return found
 
     def falls(self, model: str) -> bool:
         """Whether the law's highest side force over load falls with load at all."""
@@ -151,7 +157,7 @@ class Cornering:
         """Whether no control falls with load: then a fall of the law comes from the flash temperature alone."""
         return all(self.fall(model, control) <= FALLS for control in CONTROLS)
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
         maxima = [
             {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge,
@@ -178,7 +184,7 @@ class Cornering:
         """Period of a bristle's ringing over the contact time of the shortest footprint."""
         return self.bristle.ringing * self.bristle.footprint / float(self.tyre.length(self.loads.min()))
 
-    def rows(self):
+    def rows(self) -> Iterator[str]:
         """Columns and rows of the curves."""
         names = list(self.curves)
         yield "load_N,angle_deg," + ",".join("_".join(n) for n in names)
@@ -187,7 +193,16 @@ class Cornering:
                 yield f"{load:g},{angle:g}," + ",".join(f"{self.curves[n][i, j]:.8g}" for n in names)
 
 
-def corner(tyre: Tyre, law: Law, loads, angles, stiffness: float, mass: float, T0: float, watch=None) -> Cornering:
+def corner(
+    tyre: Tyre,
+    law: Law,
+    loads: Value,
+    angles: Value,
+    stiffness: float,
+    mass: float,
+    T0: float,
+    watch: Callable[..., Any] | None = None,
+) -> Cornering:
     """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
 
     `watch(done, total)` is told about every law.  Raises SolverFailure.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -225,7 +226,7 @@ def _over(error, bound) -> float:
 def in_every_shape(check, bench: Bench, trial: Trial) -> Finding:
     """The finding of a check in the first shape where it fails, or else in the last."""
     for shape in SHAPES:
-        finding = sound(check.__name__, trial, lambda shape=shape: check(bench, trial, shape))
+        finding = sound(check.__name__, trial, partial(check, bench, trial, shape))
         if not finding.ok:
             break
     return finding

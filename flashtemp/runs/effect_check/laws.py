@@ -62,8 +62,8 @@ class Overheard(Effect):
     """An effect that notes what its laws are asked."""
 
     def __init__(self, effect: Effect, file: Path):
-        self.effect, self.file, self.questions = effect, file, []
-        self.base, self.steady = effect.base, effect.steady
+        self.effect, self.file = effect, file
+        self.questions: list[Question] = []
 
     def heat(self, scene, p):
         for number, part in enumerate(self.effect.heat(scene, p)):
@@ -112,7 +112,7 @@ def asked(bench: Bench, trial: Trial) -> list[Finding]:
         raise
     except Exception as fault:
         return [Finding("laws", False, remedies.of_exception(trial.file, fault))]
-    found = []
+    found: list[Finding] = []
     for name, look, good in (
         ("laws", _answers, "every law gives numbers wherever the balance asks it"),
         ("repeatable", _repeats, "every law gives the same answer to the same question"),
@@ -259,7 +259,7 @@ def _at_end(of: Laws, q: Question, p, where: str) -> Iterator[str]:
     wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
     if q.now is not None and np.ndim(q.now.local_pressure) and not np.any(q.now.local_pressure) and not wild:
         slope = np.imag(q.ask(p, now=_moved(q.now, local_pressure=q.now.local_pressure + 1j * STEP))) / STEP
-        wild = np.any(np.abs(slope) * q.now.pressure > STEEP * (1.0 + np.max(np.abs(value))))
+        wild = bool(np.any(np.abs(slope) * q.now.pressure > STEEP * (1.0 + np.max(np.abs(value)))))
     if wild:
         yield f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} blows up where {where}; {remedies.HELD}"
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from flashtemp.errors import BadInput
@@ -50,9 +50,14 @@ class Trial:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def module(self) -> ModuleType:
+        """The module that the effect stands in."""
+        return sys.modules[self.effect.__module__]
+
+    @property
     def file(self) -> Path:
         """The file that the effect stands in."""
-        return Path(inspect.getmodule(self.effect).__file__)
+        return Path(str(self.module.__file__))
 
     @property
     def heats(self) -> bool:

@@ -23,7 +23,7 @@ SLIPS = {"C": "degC", "°C": "degC", "celsius": "degC", "Celsius": "degC", "%": 
 
 def file(trial: Trial) -> Finding:
     """One effect in a short file."""
-    text, module = trial.file.read_text(encoding="utf-8"), inspect.getmodule(trial.effect)
+    text, module = trial.file.read_text(encoding="utf-8"), trial.module
     own = [c for c in vars(module).values() if inspect.isclass(c) and c.__module__ == module.__name__]
     effects = {c for c in own if issubclass(c, Effect)}
     lines = len(text.splitlines())
@@ -41,8 +41,12 @@ def imports(trial: Trial) -> Finding:
     """Nothing but the standard library, numpy, scipy and what effects are written with."""
     faults, package = [], trial.effect.__module__.split(".")[0]
     for node in ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))):
-        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-        names += ["." * node.level + (node.module or "")] if isinstance(node, ast.ImportFrom) else []
+        if isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = ["." * node.level + (node.module or "")]
+        else:
+            continue
         for found in names:
             own = found == "flashtemp.errors" or found.split(".")[:2] == ["flashtemp", "physics"]
             own |= found.split(".")[0] in {"", package} - {"flashtemp"}  # what it is installed with
@@ -56,7 +60,7 @@ def imports(trial: Trial) -> Finding:
 
 def example(trial: Trial) -> Finding:
     """An example at the head of the file, and every example true."""
-    module, path = inspect.getmodule(trial.effect), trial.file
+    module, path = trial.module, trial.file
     if ">>> " not in (module.__doc__ or ""):
         return Finding("example", False, f"{path}:1: no example; put one into its first text: >>> and what Python says")
     told: list[str] = []
@@ -165,7 +169,7 @@ def unit_fault(unit: str) -> str | None:
 
 def _unused(trial: Trial) -> list[str]:
     """Parameters that nothing in the file speaks of, where no `prepare` hands them on and no engine asks for them."""
-    if trial.effect.base or trial.effect.prepare.__func__ is not Effect.prepare.__func__:
+    if trial.effect.base or vars(trial.effect).get("prepare") is not None:
         return []
     nodes = list(ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))))
     if any(isinstance(n, ast.Name) and n.id in ("getattr", "vars") for n in nodes):
@@ -177,7 +181,7 @@ def _unused(trial: Trial) -> list[str]:
 
 def _lines_of_params(trial: Trial) -> dict[str, int]:
     """Line of the file on which each parameter is declared."""
-    found = {}
+    found: dict[str, int] = {}
     for node in ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ClassDef) and node.name == trial.effect.__name__:
             for line in node.body:

@@ -124,7 +124,7 @@ def memory() -> None:
 
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
-    from flashtemp.solver import kernels_flows, kernels_sweep
+    from flashtemp.solver import kernels_2d, kernels_3d
     from flashtemp.solver.system import Linearised, System
 
     go(MILLION | {"numerics.mesh": 0.2})
@@ -140,8 +140,8 @@ def parts() -> None:
         return run
 
     for module, names in (
-        (kernels_sweep, ("factorise", "sweep")),
-        (kernels_flows, ("flows_across", "lift", "add_slopes", "exchange")),
+        (kernels_3d, ("flows", "sweep", "lift")),
+        (kernels_2d, ("add_slopes", "exchange", "factorise")),
     ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))

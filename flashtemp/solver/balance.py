@@ -14,7 +14,7 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Scene
-from flashtemp.solver import kernels_flows
+from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
 from flashtemp.solver.winkler import Foundation
 
@@ -41,7 +41,7 @@ class Balance:
         self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
         self.ones = np.ones(self.n)
         one = self.ones[: mesh.n_plane]
-        kernels_flows.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
+        kernels_2d.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
         self.g_in = 1.0 / self.half_x[: mesh.n_road]
         faces = mesh.x[1:]
         back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])

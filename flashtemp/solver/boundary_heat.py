@@ -8,7 +8,7 @@ import numpy as np
 
 from flashtemp.model.laws import STEP, Laws
 from flashtemp.model.scene import Scene
-from flashtemp.solver import kernels_flows
+from flashtemp.solver import kernels_2d
 
 
 class Films(NamedTuple):
@@ -43,7 +43,7 @@ class BoundaryHeat:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
         films, n = self._films(now, T.dtype), len(self.names)
         total, surface = np.zeros(n, dtype=T.dtype), np.zeros(n, dtype=T.dtype)
-        kernels_flows.exchange(
+        kernels_2d.exchange(
             self.offset, self.cell, self.area, self.half, kf, films.resistance, films.far, T, q, total, surface
         )
         for s, site in enumerate(self.names):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.solver import kernels_flows, kernels_sweep
+from flashtemp.solver import kernels_2d, kernels_3d
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.kernel_arrays import Crossing, Factors, Lines, Transport, Walls
 
@@ -71,12 +71,12 @@ class Plane:
         if kf is b.ones:
             return b.gx, b.gz
         gx, gz = np.empty_like(kf), np.empty_like(kf)
-        kernels_flows.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, kf, gx, gz)
+        kernels_2d.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, kf, gx, gz)
         return gx, gz
 
     def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
-        kernels_flows.heat_flows(
+        kernels_2d.heat_flows(
             self.lines, *conductances, carry, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), q
         )  # fmt: skip
         q /= self.lines.capacity
@@ -97,7 +97,7 @@ class Plane:
 
     def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
         factors = Factors(*(np.empty(len(own)) for _ in Factors._fields))
-        kernels_sweep.factorise(self.lines, transport, gamma, own, up, down, factors)
+        kernels_2d.factorise(self.lines, transport, gamma, own, up, down, factors)
         return factors
 
 
@@ -118,17 +118,19 @@ class LinearisedPlane:
         """out = J v of cells whose temperatures change by T (cells,), in K/s; nothing enters with the road."""
         b, slopes = self.solid.b, self.slopes
         out[:] = 0.0
-        kernels_flows.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, slopes.up, slopes.down, T, out)
+        kernels_2d.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, slopes.up, slopes.down, T, out)
         if slopes.deposits is not None:
             power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * T[b.cell_road]
             out[b.cell_block] -= power
-            kernels_flows.deposit(b.deep_cells, b.weight, power, out)
+            kernels_2d.deposit(b.deep_cells, b.weight, power, out)
         h = T if b.capacity_gradient is None else T * self.stretch
         self.solid.flows(T, h, b.no_inflow, b.no_inflow, self.conductances, self.carry, out)
 
     def solve(self, r, z) -> None:
         """z = P^-1 r of cells; the columns of P conserve heat by themselves."""
-        kernels_sweep.sweep(self.solid.lines, self.factors, self.crossing, self.gamma, r, z)
+        start, m, first, capacity, *_ = self.solid.lines
+        up, down, *_ = self.crossing
+        kernels_2d.sweep(start, m, first, capacity, self.gamma, up, down, *self.factors, r, z)
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,8 @@ class Slab(Plane):
         mesh = self.b.scene.mesh
         T, h, q = (mesh.planes(a) for a in (T, h, q))
         T_in, h_in = (a.reshape(-1, mesh.n_across).astype(T.dtype) for a in (T_in, h_in))
-        kernels_flows.flows_across(self.lines, conductances, carry, T, h, T_in, h_in, q)
+        run = kernels_3d.flows if conductances.factor.ndim == 1 else kernels_3d.varying_flows
+        run(self.lines, conductances, carry, T, h, T_in, h_in, q)
 
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedSlab:
         """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
@@ -206,9 +209,9 @@ class LinearisedSlab(LinearisedPlane):
         """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings."""
         b, mesh, lines = self.solid.b, self.solid.b.scene.mesh, self.solid.lines
         r, planes = mesh.planes(r), mesh.planes(z)
-        given, kept = kernels_sweep.sweep(lines, self.factors, self.crossing, self.gamma, r, planes)
+        given, kept = kernels_3d.sweep(lines, self.factors, self.crossing, self.gamma, r, planes)
         if self.stretch is not b.ones:
             kept = (lines.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
         cells, weights = self.arrives
         missing = given - kept + self.gamma * (weights @ z[cells])
-        kernels_flows.lift(lines.start, lines.m, missing / self.holds, planes)
+        kernels_3d.lift(lines.start, lines.m, missing / self.holds, planes)

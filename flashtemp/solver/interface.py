@@ -13,7 +13,7 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux, kernels_flows
+from flashtemp.solver import contact_flux, kernels_2d
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.winkler import Press, Response
 
@@ -302,7 +302,7 @@ class AbrasionCoupling:
         heat[b.cell_block] = scale * self.face * dp
         heat[b.cell_road] = scale * self.books[2] * dp
         if len(b.weight):
-            kernels_flows.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
+            kernels_2d.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
         mesh = b.scene.mesh
         mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
         out[b.worn] += scale / b.worn_unit * self.abrasion * dp

@@ -26,7 +26,7 @@ class Lines(NamedTuple):
 
 
 class Transport(NamedTuple):
-    """Conductances `gx`, `gz` W/(m K) (`kernels_flows.face_conductances`), `carry` rho c v dz (m,), `stretch` dh/dT."""
+    """Conductances `gx`, `gz` W/(m K) (`kernels_2d.face_conductances`), `carry` rho c v dz (m,), `stretch` dh/dT."""
 
     gx: np.ndarray
     gz: np.ndarray

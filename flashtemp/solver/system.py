@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.solver import conduction, kernels_flows
+from flashtemp.solver import conduction, kernels_2d
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.interface import AbrasionCoupling, Contact, Interface
 
@@ -87,7 +87,7 @@ class System:
         q[b.cell_block] += state.block * flux.into_block * area
         q[b.cell_road] += state.road * road
         if len(b.weight):
-            kernels_flows.deposit(b.deep_cells, b.weight, state.block * flux.deep * area, q)
+            kernels_2d.deposit(b.deep_cells, b.weight, state.block * flux.deep * area, q)
         led["friction"] = (state.block * flux.heat * area).sum()
         led["into_road"] = (state.block * road).sum()
         led["lane_in"] = (state.road * road).sum()

@@ -1,0 +1,228 @@
+"""The compiled loops of 3D: what `kernels_2d` does for one plane, for all planes across at once.
+
+Rows of n_across neighbours in y lie together in memory, and every inner loop runs along them.  All planes
+share the conductances of one (per metre of width) while conductivity is constant; only the interface differs
+from plane to plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SUM = {"reassoc", "contract", "nsz"}
+
+
+@njit(cache=True)
+def _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
+    """Add to row c, place k of line i, what the moving road carries in and out."""
+    if k >= m:
+        return
+    ny, s, w = q.shape[1], slope[i], carry[k]
+    if i == 0:
+        for j in range(ny):
+            q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
+            q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
+        return
+    r, back = slope[i - 1], start[i - 1] + k
+    if i == 1:
+        for j in range(ny):
+            near = h[back, j]
+            q[c, j] += w * (near + r * (near - h_in[k, j])) - w * (h[c, j] + s * (h[c, j] - near))
+        return
+    old = start[i - 2] + k
+    for j in range(ny):
+        near = h[back, j]
+        q[c, j] += w * (near + r * (near - h[old, j])) - w * (h[c, j] + s * (h[c, j] - near))
+
+
+@njit(cache=True)
+def _line(i, start):
+    """First row of line i, of the one upstream (itself where there is none), of the two downstream."""
+    a, b = start[i], start[i + 1]
+    return a, start[i - 1] if i > 0 else a, b, start[i + 2] if i + 2 < len(start) else b
+
+
+@njit(cache=True)
+def _neighbours(k, line, m):
+    """Rows above, below, upstream, downstream of place k of a `_line`; its own where none is or the interface lies."""
+    a, before, b, end = line
+    c = a + k
+    up = c + 1 if c + 1 < b and k + 1 != m else c
+    down = c - 1 if k > 0 and k != m else c
+    back = before + k if before + k < a else c
+    to = b + k if b + k < end else c
+    return up, down, back, to
+
+
+@njit(cache=True)
+def flows(lines, walls, carry, T, h, T_in, h_in, q):
+    """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
+
+    While conductivity is constant; `T_in`, `h_in` (m, planes) and the rest as in `kernels_2d.heat_flows`.
+    """
+    start, m, _, capacity, slope, g_in, _, share = lines  # locals: an attribute in a loop would count references
+    gx, gz, gy, _, _, _, _, before, after = walls
+    n, ny = len(start) - 1, T.shape[1]
+    for i in range(n):
+        line = _line(i, start)
+        for c in range(line[0], line[2]):
+            k = c - line[0]
+            up, down, back, to = _neighbours(k, line, m)
+            over, under, ahead, along = gz[c], gz[down], gx[c], gx[to]
+            for j in range(ny):
+                here = T[c, j]
+                z = (T[up, j] - here) * over + (T[down, j] - here) * under
+                q[c, j] = q[c, j] / share[j] + (z + (T[back, j] - here) * ahead + (T[to, j] - here) * along)
+            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            g = gy[c]
+            for j in range(1, ny):
+                q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
+            for j in range(ny - 1):
+                q[c, j] += g * after[j] * (T[c, j + 1] - T[c, j])
+            unit = 1.0 / capacity[c]
+            for j in range(ny):
+                q[c, j] *= unit
+
+
+@njit(cache=True)
+def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
+    """`flows` where conductivity varies."""
+    start, m, _, capacity, slope, g_in, _, share = lines
+    _, _, gy, half_x, half_z, factor, dy, _, _ = walls
+    n, ny = len(start) - 1, T.shape[1]
+    for i in range(n):
+        line = _line(i, start)
+        for c in range(line[0], line[2]):
+            k = c - line[0]
+            up, down, back, to = _neighbours(k, line, m)
+            for j in range(ny):
+                f, here = factor[c, j], T[c, j]
+                over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j]))
+                under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j]))
+                ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
+                along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
+                q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)
+            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            g = gy[c]
+            for j in range(1, ny):
+                apart = 0.5 * (dy[j] / factor[c, j] + dy[j - 1] / factor[c, j - 1])
+                q[c, j] += g * (1.0 / (apart * dy[j])) * (T[c, j - 1] - T[c, j])
+            for j in range(ny - 1):
+                apart = 0.5 * (dy[j + 1] / factor[c, j + 1] + dy[j] / factor[c, j])
+                q[c, j] += g * (1.0 / (apart * dy[j])) * (T[c, j + 1] - T[c, j])
+            unit = 1.0 / capacity[c]
+            for j in range(ny):
+                q[c, j] *= unit
+
+
+@njit(cache=True)
+def _less(z, to, factor, source, ny):
+    """z[to] -= factor z[source], one row."""
+    for j in range(ny):
+        z[to, j] -= factor * z[source, j]
+
+
+@njit(cache=True)
+def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
+    """`kernels_2d.line_solve` for rows of z from o on; `under`, `over` (planes,) are the pivots at the interface."""
+    ny, nb, f = z.shape[1], size - m, a - o
+    s, top = o + m - 1, o + size - 1
+    for k in range(1, m):
+        _less(z, o + k, mul[a + k], o + k - 1, ny)
+    for k in range(1, nb):
+        _less(z, top - k, mul[f + top - k], top - k + 1, ny)
+    if nb == 0:
+        for j in range(ny):
+            z[s, j] *= inv[f + s]
+    else:
+        for j in range(ny):
+            u, d = -gamma * up[j], -gamma * down[j]
+            road, block = z[s, j], z[s + 1, j]
+            scale = 1.0 / (1.0 - u * d * under[j] * over[j])
+            z[s, j] = (road - u * over[j] * block) * under[j] * scale
+            z[s + 1, j] = (block - d * under[j] * road) * over[j] * scale
+    for k in range(1, m):
+        i, g = inv[f + s - k], mul[f + s - k + 1]
+        for j in range(ny):
+            z[s - k, j] = z[s - k, j] * i - g * z[s - k + 1, j]
+    for k in range(1, nb):
+        i, g = inv[f + s + 1 + k], mul[f + s + k]
+        for j in range(ny):
+            z[s + 1 + k, j] = z[s + 1 + k, j] * i - g * z[s + k, j]
+
+
+@njit(cache=True, fastmath=SUM)
+def _row(z, c, share, ny):
+    """Mean of a row across y."""
+    total = 0.0
+    for j in range(ny):
+        total += share[j] * z[c, j]
+    return total
+
+
+@njit(cache=True)
+def sweep(lines, factors, crossing, gamma, r, z):
+    """z = P^-1 (capacity r): lines downstream, then corrected back, all planes at once; nothing flows across.
+
+    Returns the heat (J per metre of width, rows
+    weighted by `weight`) in r and in z.
+    """
+    start, m, first, capacity, _, _, weight, share = lines
+    inv, mul, low, low2, high = factors
+    up, down, under, over = crossing
+    n, ny = len(start) - 1, r.shape[1]
+    longest = 0
+    given = 0.0
+    for i in range(n):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        longest = max(longest, size)
+        p = start[i - 1] if i > 0 else a
+        for k in range(size):
+            c = a + k
+            w = capacity[c]
+            given += weight[c] * w * _row(r, c, share, ny)
+            if i > 1 and k < m:
+                f, g, old, older = low[c], low2[c], p + k, start[i - 2] + k
+                for j in range(ny):
+                    z[c, j] = w * r[c, j] - f * z[old, j] - g * z[older, j]
+            elif i > 0 and k < a - p:
+                f, old = low[c], p + k
+                for j in range(ny):
+                    z[c, j] = w * r[c, j] - f * z[old, j]
+            else:
+                for j in range(ny):
+                    z[c, j] = w * r[c, j]
+        at = i - first if size > m else 0
+        line_solve(a, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, z)
+    work = np.empty((longest, ny))
+    for i in range(n - 2, -1, -1):
+        a, b = start[i], start[i + 1]
+        size = b - a
+        top = min(size, start[i + 2] - b)
+        for k in range(top):
+            f = high[a + k]
+            for j in range(ny):
+                work[k, j] = f * z[b + k, j]
+        for k in range(top, size):
+            for j in range(ny):
+                work[k, j] = 0.0
+        at = i - first if size > m else 0
+        line_solve(0, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, work)
+        for k in range(size):
+            for j in range(ny):
+                z[a + k, j] -= work[k, j]
+    kept = 0.0
+    for c in range(start[n]):
+        kept += weight[c] * capacity[c] * _row(z, c, share, ny)
+    return given, kept
+
+
+@njit(cache=True)
+def lift(start, m, rise, z):
+    """Add `rise` to all cells of the block."""
+    for i in range(len(start) - 1):
+        for c in range(start[i] + m, start[i + 1]):
+            for j in range(z.shape[1]):
+                z[c, j] += rise

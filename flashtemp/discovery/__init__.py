@@ -1,1 +1,1 @@
-"""What the model is missing: hypothesis, prediction, calibration, scores, search, assessment, verdict."""
+"""What the model is missing, from hypothesis and prediction to search and verdict; it starts in `discover`."""

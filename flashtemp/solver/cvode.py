@@ -51,8 +51,13 @@ class Integrator:
         self.steps, self.t = 0, 0.0
         self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         make = _odes if binding == "scikits-odes" else _sundae
-        asked = {"rate": system.rate, "times": self._times, "setup": self._setup, "solve": self._solve}
-        self._start, self._advance, self._interpolate = make(*(self._guard(*one) for one in asked.items()), tol=tol)
+        self._start, self._advance, self._interpolate = make(
+            self._guard("rate", system.rate),
+            self._guard("times", self._times),
+            self._guard("setup", self._setup),
+            self._guard("solve", self._solve),
+            tol,
+        )
 
     def _setup(self, t: float, y: np.ndarray, gamma: float) -> None:
         self._linearised = self._system.linearised(t, y, gamma)

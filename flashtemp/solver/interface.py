@@ -33,8 +33,8 @@ class Contact(NamedTuple):
 class Recent:
     """What an interface was asked last, with the answers: the one thing of a system that calls change.
 
-    A step asks for the same contact laws some five times, and Newton's iterations start best where the last ended:
-    without it a run takes half as long again.  An answer never depends on it by more than Newton's tolerance.
+    It stays because a step asks for the same contact laws several times, and because Newton's iterations start best
+    where the last ended.  An answer depends on it by Newton's tolerance at most.
     """
 
     when: tuple = ()  # all that pressure and contact laws saw

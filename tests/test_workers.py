@@ -39,7 +39,7 @@ def tasks(tmp_path):
     force = Force("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
     out = []
     for given in ({"friction.mu": 0.8}, lost, {"friction.mu": 1.2}):
-        out.append(Task(file, SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Derivatives((MU,))))
+        out.append(Task(load(file), SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Derivatives((MU,))))
     return out
 
 
@@ -122,15 +122,16 @@ class Fan(Effect):
 
 
 def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_path):
-    """Nothing of it is sent but its declarations: each worker reads the file beside the case that it loads."""
+    """The case brings the text that was read: no worker looks at the file, or judges whose it is."""
     (tmp_path / "fan.py").write_text(FAN)
     (tmp_path / "case.toml").write_text('candidates = ["./fan.py"]')
     case = load(tmp_path / "case.toml", SMALL)
     [fan], left = candidates(case, case.candidates)
     assert (fan.strengths, left) == ({"share": 0.1}, {})
     asked = Derivatives((MU,), candidates=(fan,))
+    (tmp_path / "fan.py").unlink()
     with crew(predict, 2) as run:
-        [found] = run([replace(tasks[0], derivatives=asked)])
+        [found] = run([replace(tasks[0], case=case, derivatives=asked)])
     assert isinstance(found, Prediction), found
     columns = found.observables["mu.csv"].columns
     trace = columns[ParameterId.of_effect("fan", "share")]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +19,7 @@ from flashtemp.comparison.compare import check, grip, moments
 from flashtemp.discovery.deviations import with_mode, with_scatter
 from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
 from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
-from flashtemp.model.case import Case, load
+from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.solver.march import march
@@ -51,19 +50,18 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class Task:
-    """One condition at one point: `case` file with overrides `given` and `pins` of the mesh.
+    """One condition at one point: the `case` with overrides `given` and `pins` of the mesh.
 
-    `trust`: effect files of the case run whose ever they are.
+    The case brings the effect files that were read with it: no process reads or judges them again.
     """
 
-    case: Path
+    case: Case
     given: dict[str, Any]
     pins: dict[str, Any]
     model: Model
     views: tuple[View, ...]
     forces: tuple[Force, ...]
     derivatives: Derivatives = field(default_factory=Derivatives)
-    trust: bool = False
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ class Point:
 
 def predict(task: Task) -> Prediction:
     """Simulate a condition at a point with all derivatives asked for.  Raises BadInput, SolverFailure."""
-    base = load(task.case, task.given | task.pins, trust=task.trust)
+    base = task.case.with_values(task.given | task.pins)
     case = task.model.on(base)
     scene = case.scene
     for view in task.views:

@@ -48,9 +48,7 @@ class Problem:
             if coarse:
                 finer = zip(coarse, self.case["numerics.finer"], strict=True)
                 pins = pins | {"numerics.finer": [max(LEAST, k * f) for k, f in finer]}
-            out.append(
-                Task(self.campaign.case, c.given, pins, model, c.views, c.forces, derivatives, self.campaign.trust)
-            )
+            out.append(Task(self.case, c.given, pins, model, c.views, c.forces, derivatives))
         return out
 
     def predictions(self, tasks: list[Task]) -> list[Prediction]:

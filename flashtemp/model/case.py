@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.model import build as building
-from flashtemp.model import case_file, numerics, schema
+from flashtemp.model import build, case_file, numerics, schema
 from flashtemp.model.case_file import Places, Reader
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
@@ -52,7 +51,7 @@ class Case(Shown):
     def scene(self) -> Scene:
         """Mesh, materials, schedule and acting effects.  Raises BadInput for values that do not go together."""
         acting = {n: effect for n, effect in self.known.items() if effect.base or n in self.effects}
-        return building.scene(self.values, acting, self.folder)
+        return build.scene(self.values, acting, self.folder)
 
     @property
     def settings(self) -> Settings:
@@ -228,16 +227,3 @@ def _own(
     if faults:
         raise BadInput(*faults)
     return tuple(found.values())
-
-
-# names of before, until every caller has changed
-def build(case: Case) -> Scene:
-    return case.scene
-
-
-def settings(case: Case) -> Settings:
-    return case.settings
-
-
-def load_with(case: Case, overrides: dict[str, Any]) -> Case:
-    return case.with_values(overrides)

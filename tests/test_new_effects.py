@@ -58,7 +58,7 @@ def small(lab):
     @cache
     def go(name="", **values):
         given = {f"{name}__{k}": v for k, v in values.items()}
-        return lab.case(**SMALL, effects=[name] if name else [], numerics__rtol=1e-7, **given)
+        return lab.case(**SMALL, effects=[name] if name else [], numerics__rtol=1e-6, **given)
 
     return go
 

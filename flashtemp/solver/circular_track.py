@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from flashtemp.model.scene import Scene
+from flashtemp.physics.effect import Heat
 from flashtemp.solver.system import Inflow, System
 
 
@@ -83,12 +84,10 @@ class Track:
 
 def track_of(scene: Scene) -> Track:
     """The track of a scene that remembers, still empty."""
-    film = sum(
-        part.law(scene.moment(scene.schedule.phases[0], 0.0), a.p)
-        for a in scene.acting
-        for part in a.contributions(scene)
-        if getattr(part, "site", "") == "road.free" and part.kind == "film"
-    )
+    heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
+    start = scene.moment(scene.schedule.phases[0], 0.0)
+    film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
+    assert scene.track_length is not None
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class Plane:
             raise SolverFailure("thermal conductivity fell to zero or below")
         return f
 
-    def conductances(self, kf):
+    def conductances(self, kf) -> Any:
         """What conducts between cells, W/(m K), for factors kf (cells,) on conductivity: what `flows` takes."""
         b = self.b
         if kf is b.ones:
@@ -76,9 +77,8 @@ class Plane:
 
     def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
-        kernels_2d.heat_flows(
-            self.lines, *conductances, carry, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), q
-        )  # fmt: skip
+        gx, gz = conductances
+        kernels_2d.heat_flows(self.lines, gx, gz, carry, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), q)
         q /= self.lines.capacity
 
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedPlane:
@@ -87,13 +87,13 @@ class Plane:
         `carry` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
         cells at the face.
         """
-        conductances = self.conductances(kf)
+        gx, gz = self.conductances(kf)
         own = np.zeros(self.b.n)
         np.add.at(own, slopes.cell, slopes.own)
-        factors = self._factors(gamma, Transport(*conductances, carry, stretch), own, slopes.up, slopes.down)
+        factors = self._factors(gamma, Transport(gx, gz, carry, stretch), own, slopes.up, slopes.down)
         pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
         crossing = Crossing(slopes.up, slopes.down, *pivots)
-        return LinearisedPlane(self, gamma, conductances, carry, stretch, slopes, factors, crossing)
+        return LinearisedPlane(self, gamma, (gx, gz), carry, stretch, slopes, factors, crossing)
 
     def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
         factors = Factors(*(np.empty(len(own)) for _ in Factors._fields))
@@ -175,7 +175,8 @@ class Slab(Plane):
         kf, stretch = (a if (a != 1.0).any() else b.ones for a in (kf, stretch))  # what is off leaves no trace
         even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
-        factors = self._factors(gamma, Transport(*super().conductances(mean), carry, even), own, up, down)
+        gx, gz = super().conductances(mean)
+        factors = self._factors(gamma, Transport(gx, gz, carry, even), own, up, down)
         cells = np.concatenate([i for i, _ in rows.values()])
         weights = np.concatenate([b.counts(name) * w for name, (_, w) in rows.items()])
         inside = mesh.level[cells // n] >= mesh.n_road

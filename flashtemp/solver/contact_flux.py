@@ -12,7 +12,7 @@ Where spots are resolved A = h_R, and block and road are heated through what is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     a, b = T0 - A * g * drop, A * g * way
     turn = ((1.0 - A * g) * state.deep - b * state.inside) / b  # heat in depth over heat at the face, less 1
 
-    seen = [None, None, None]  # where both laws were asked last, and their answers
+    seen: list[Any] = [None, None, None]  # where both laws were asked last, and their answers
 
     def warming(T, face, apart=False):
         seen[:] = T, friction(T, face, apart), parted(T, face, apart)
@@ -97,7 +97,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     else:
         law, gain = warming, b * state.m
         T, _, own = _spot_temperature(a, gain, T0, law, guess)
-        mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(*seen, T)
+        mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(seen[0], seen[1], seen[2], T)
     q = state.m * mu
     deep = state.inside * s * q
     J = g * (way * (q - deep) - state.deep * s * q - drop)

@@ -51,6 +51,6 @@ class Frames:
         if self.dtype is None:
             return {}
         if self.path is None:
-            return {name: np.array([row[name] for row in self._rows]) for name in self.dtype.names}
+            return {name: np.array([row[name] for row in self._rows]) for name in self.dtype.names or ()}
         table = np.memmap(self.path, self.dtype, "r", shape=(self.count,))
-        return {name: table[name] for name in self.dtype.names}
+        return {name: table[name] for name in self.dtype.names or ()}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-
-import numpy as np
+from typing import Any
 
 from flashtemp.solver.circular_track import Track
 from flashtemp.solver.field_store import Frames
@@ -16,12 +15,12 @@ class Progress:
 
     t: float = 0.0
     phase: int = 0
-    y: np.ndarray | None = None
+    y: Any = None  # (size,); none before the start
     records: dict[str, list] = field(default_factory=dict)
     frames: Frames = field(default_factory=Frames)
     steps: int = 0
     calls: dict[str, int] = field(default_factory=lambda: {"rate": 0, "times": 0, "setup": 0, "solve": 0})
     wall: float = 0.0
-    left: np.ndarray | None = None  # heat (J/m) in block and lanes removed at restarts
+    left: Any = None  # (2,) heat (J/m) in block and lanes removed at restarts
     track: Track | None = None
-    columns: dict[str, list] | None = None  # of the track, as read from a checkpoint
+    columns: dict[str, Any] | None = None  # of the track, as read from a checkpoint

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from flashtemp.errors import SolverFailure
@@ -131,10 +133,11 @@ def finish(balance: Balance, now: Progress, title: str) -> Run:
     """The Run of a march that has come to its end."""
     scene, r, maps = balance.scene, now.records, now.frames.stacked()
     arrays = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction", "worn")
+    profiles: dict[str, Any] = {name: np.array(r[name]) for name in (*arrays, "tilt", "frames")}
     return Run(
         title=title,
         mesh=scene.mesh,
-        **{name: np.array(r[name]) for name in (*arrays, "tilt", "frames")},
+        **profiles,
         sliding=np.array(r["sliding"], dtype=bool),
         energy=dict(zip(r["ledger"], np.array(r["energy"]).T, strict=True)),
         field=maps.pop("cells"),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -46,9 +47,9 @@ class Run(Shown):
     ambient_degC: float
     width: float
     conductivity: tuple[float, float] = (0.25, 1.0)
-    statistics: dict = field(default_factory=dict)
+    statistics: dict = dataclasses.field(default_factory=dict)
     case_text: str = ""
-    maps: dict[str, np.ndarray] = field(default_factory=dict)
+    maps: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @property
     def x(self) -> np.ndarray:

@@ -158,7 +158,8 @@ class Neighbours:
         idle = [one for one in moved if one.since >= phase.end]
         for one in live:
             if phase.begin <= one.since and one.now.track is not None and level.now.track is not None:
-                one.now.track = replace(one.now.track, **{k: list(getattr(level.now.track, k)) for k in KEPT})
+                kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in KEPT}
+                one.now.track = replace(one.now.track, **kept)
         S = np.array([one.s for one in live]).reshape(len(live), level.m)
         S = _integrate(phase, _Path(path), level.during(phase), [one.during(phase) for one in live], S, times)
         for k, one in enumerate(live):

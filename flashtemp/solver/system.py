@@ -116,7 +116,11 @@ class System:
         slopes, rows = _contact_slopes(b, contact, at_walls)
         for row in _leaving_slopes(b, carry, stretch):
             rows["lane_out"].append(row)
-        joined = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in rows.items() if parts}
+        joined: conduction.Rows = {
+            name: (np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
+            for name, parts in rows.items()
+            if parts
+        }
         worn = b.abrades and contact.slopes is not None
         return Linearised(
             b, gamma, stretch, joined,

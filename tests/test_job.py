@@ -337,8 +337,9 @@ def test_integration_ends_exactly_where_it_should(binding, end):
         def times(self, v, out):
             out[:] = [-v[0], 0.0]
 
-        def setup(self, t, y, gamma):
+        def linearised(self, t, y, gamma):
             self.gamma = gamma
+            return self
 
         def solve(self, r, z):
             z[:] = [r[0] / (1 + self.gamma), r[1]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
@@ -22,7 +22,27 @@ _PUBLIC = {
     "errors": ["BadInput", "SolverFailure"],
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
-__all__ = sorted([*_HOME, "physics"])
+__all__ = [
+    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
+    "converge", "discover", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
+    "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "simulate", "spectrum",
+    "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
+]  # fmt: skip
+
+if TYPE_CHECKING:  # for editors and type checkers, which run nothing
+    from flashtemp import physics
+    from flashtemp.api.camera import import_recording, recording_template
+    from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
+    from flashtemp.api.effects import check_effect, effects
+    from flashtemp.api.friction import friction, loads, spectrum, spots, tread, tyre
+    from flashtemp.api.inputs import load
+    from flashtemp.api.questions import converge, repetitions, sweep, wait
+    from flashtemp.api.simulation import check, open_fields, resume, simulate, view
+    from flashtemp.comparison.campaign import Campaign
+    from flashtemp.discovery.verdict import Verdict
+    from flashtemp.errors import BadInput, SolverFailure
+    from flashtemp.model.case import Case
+    from flashtemp.solver.run import Run
 
 
 def __getattr__(name: str) -> Any:

@@ -132,8 +132,17 @@ def test_no_second_copy_from_the_root(folder):
 
 def test_public_names():
     assert len(flashtemp.__all__) <= 40
+    assert flashtemp.__all__ == sorted({*flashtemp._HOME, "physics"})
     for name in flashtemp.__all__:
         assert getattr(flashtemp, name) is not None
+
+
+def test_editors_see_what_programs_get():
+    """What type checkers read stands beside the table of lazy imports: neither may lag behind."""
+    tree = ast.parse(Path(flashtemp.__file__).read_text())
+    seen = next(node for node in tree.body if isinstance(node, ast.If))
+    homes = {a.name: n.module.removeprefix("flashtemp.") for n in seen.body for a in n.names}
+    assert homes == flashtemp._HOME | {"physics": "flashtemp"}
 
 
 @pytest.mark.parametrize("name", sorted({*flashtemp.__all__} - {"physics"}))

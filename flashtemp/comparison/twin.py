@@ -74,6 +74,21 @@ def _with_files(case: Case, plan: Plan) -> tuple[Case, Plan]:
 
 
 def _check(case: Case, plan: Plan) -> None:
+    """BadInput for a plan that cannot be carried out with this case."""
+    _check_hidden(case, plan)
+    _check_views(plan)
+    if plan.seed < 0:
+        raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
+    if not 0 <= plan.nuisance <= 3:
+        raise BadInput(f"--nuisance: {plan.nuisance:g}; give a scale from 0 to 3")
+    if not 1 <= plan.conditions <= len(CONDITIONS):
+        raise BadInput(f"--conditions: {plan.conditions}; give 1 to {len(CONDITIONS)}")
+    for key in ("contact.pressure", "schedule.speed"):
+        if not isinstance(case[key], (int, float)):
+            raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
+
+
+def _check_hidden(case: Case, plan: Plan) -> None:
     for name in plan.hidden:
         if name not in case.known:
             raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, case.known)}")
@@ -81,20 +96,14 @@ def _check(case: Case, plan: Plan) -> None:
             raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
     if len(set(plan.hidden)) < len(plan.hidden):
         raise BadInput(f"--hide: {', '.join(plan.hidden)}: an effect is named twice; once is enough")
-    if plan.seed < 0:
-        raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
-    if not 0 <= plan.nuisance <= 3:
-        raise BadInput(f"--nuisance: {plan.nuisance:g}; give a scale from 0 to 3")
+
+
+def _check_views(plan: Plan) -> None:
     if len(set(plan.views)) < len(plan.views):
         raise BadInput(f"--views: {','.join(plan.views)}: a view is named twice; once is enough")
-    if not 1 <= plan.conditions <= len(CONDITIONS):
-        raise BadInput(f"--conditions: {plan.conditions}; give 1 to {len(CONDITIONS)}")
     for view in plan.views:
         if view not in synthetic.FACES:
             raise BadInput(f"--views: {view!r}; give some of {', '.join(synthetic.FACES)}")
-    for key in ("contact.pressure", "schedule.speed"):
-        if not isinstance(case[key], (int, float)):
-            raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
 
 
 def _write(case: Case, plan: Plan, work: Path, watch) -> None:

@@ -77,9 +77,11 @@ class Plane:
 
     def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
-        gx, gz = conductances
-        kernels_2d.heat_flows(self.lines, gx, gz, carry, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), q)
-        q /= self.lines.capacity
+        b, lines, (gx, gz) = self.b, self.lines, conductances
+        kernels_2d.heat_flows(
+            lines.start, lines.m, gx, gz, carry, b.slope, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), b.g_in, q
+        )
+        q /= b.capacity
 
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedPlane:
         """Around conductivities `kf` (cells,) and dh/dT `stretch` (cells,), with P ~ I - gamma J factorised.
@@ -96,7 +98,8 @@ class Plane:
         return LinearisedPlane(self, gamma, (gx, gz), carry, stretch, slopes, factors, crossing)
 
     def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
-        factors = Factors(*(np.empty(len(own)) for _ in Factors._fields))
+        # one block: malloc keeps its memory for the next, small ones would fault their pages in anew
+        factors = Factors(*np.empty((len(Factors._fields), len(own))))
         kernels_2d.factorise(self.lines, transport, gamma, own, up, down, factors)
         return factors
 

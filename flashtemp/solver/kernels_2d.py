@@ -34,13 +34,13 @@ def face_conductances(start, m, half_x, half_z, factor, gx, gz):
 
 
 @njit(cache=True)
-def heat_flows(lines, gx, gz, carry, T, h, T_in, h_in, rate):
+def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
     """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
 
-    `lines` as in `kernel_arrays`, `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of
-    the road's cells (W/(m K)), `T_in`, `h_in` (m,) rises of the entering road.
+    `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of the road cells (W/(m K)), `slope`
+    the second-order upwind weight of every line, `T_in`, `h_in` (m,) rises of the entering road, `g_in` its
+    conductance to the first line.
     """
-    start, m, slope, g_in = lines.start, lines.m, lines.slope, lines.g_in
     n = len(start) - 1
     for i in range(n):
         a, b = start[i], start[i + 1]

@@ -14,7 +14,7 @@ from flashtemp.comparison.compare import compare
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
-from flashtemp.viz import comparison, field, film, maps, profile, theme, worn
+from flashtemp.viz import comparison, field, maps, profile, theme, worn
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "pictures"

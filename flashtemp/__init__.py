@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "api.inputs": ["load"],
     "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
-    "api.questions": ["sweep", "converge", "repetitions", "wait"],
+    "api.studies": ["sweep", "converge", "repetitions", "wait"],
     "api.camera": ["import_recording", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
     "api.friction": ["friction", "loads", "tread", "tyre", "spots", "spectrum"],
@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.api.effects import check_effect, effects
     from flashtemp.api.friction import friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
-    from flashtemp.api.questions import converge, repetitions, sweep, wait
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
+    from flashtemp.api.studies import converge, repetitions, sweep, wait
     from flashtemp.comparison.campaign import Campaign
     from flashtemp.discovery.verdict import Verdict
     from flashtemp.errors import BadInput, SolverFailure

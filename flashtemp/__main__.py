@@ -8,7 +8,7 @@ import sys
 from cyclopts import App, CycloptsError
 
 from flashtemp import __version__
-from flashtemp.cli import camera, campaigns, effects, friction, questions, road, simulate, tyre
+from flashtemp.cli import camera, campaigns, effects, friction, road, simulate, studies, tyre
 from flashtemp.cli.terminal import BAD, DONE, FAILED, STOPPED, tell
 from flashtemp.errors import BadInput, FlashtempError, Interrupted
 
@@ -19,8 +19,8 @@ app = App(
     suppress_keyboard_interrupt=False,  # told below
 )
 COMMANDS = (
-    simulate.run, questions.sweep, simulate.view, simulate.check, questions.converge, effects.effects,
-    questions.repetitions, questions.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+    simulate.run, studies.sweep, simulate.view, simulate.check, studies.converge, effects.effects,
+    studies.repetitions, studies.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads,
 )  # fmt: skip
 for _command in COMMANDS:

@@ -1,4 +1,4 @@
-"""How results show themselves: as text, as an HTML table in a notebook, and as JSON that is valid everywhere."""
+"""Results as text, as an HTML table in a notebook, and as JSON that is valid everywhere."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from flashtemp.meshes.mesh import centres
 from flashtemp.model.case import assemble
 from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
-from flashtemp.viz import animation, budget, field, film, friction, maps, profile, theme, time_axis, worn
+from flashtemp.viz import animation, budget, field, friction, maps, profile, space_time, theme, time_axis, worn
 
 PICTURES = (profile, film, field, friction, budget, maps, worn, animation)
 RUNS = {
@@ -120,7 +120,7 @@ def test_profile_shows_the_road_where_it_differs_or_is_asked_for(runs):
 
 def test_map_keeps_the_mean_over_time_and_the_true_times(runs):
     run = runs["one"]
-    ax = next(a for a in film.draw(run).axes if any(isinstance(c, QuadMesh) for c in a.collections))
+    ax = next(a for a in space_time.draw(run).axes if any(isinstance(c, QuadMesh) for c in a.collections))
     mesh = ax.collections[0]
     corners, drawn = mesh.get_coordinates(), np.asarray(mesh.get_array())
     time, x = corners[0, :, 0], corners[:, 0, 1]
@@ -136,7 +136,7 @@ def test_map_keeps_the_mean_over_time_and_the_true_times(runs):
 
 def test_map_lines_equal_the_records_and_waits_end_where_sliding_starts(runs):
     run = runs["run_in"]
-    ax = film.draw(run).axes[0]
+    ax = space_time.draw(run).axes[0]
     drawn = line(ax, theme.PLACES["trailing edge"]).get_ydata()
     np.testing.assert_array_equal(drawn, run.T_block[:, -1])
     bands = time_axis.clock(run).waits
@@ -148,7 +148,7 @@ def test_waits_that_would_fill_the_map_are_compressed(runs):
     run = runs["long_waits"]
     when = time_axis.clock(run)
     assert when.compressed
-    assert "compressed" in film.draw(run).axes[0].get_xlabel()
+    assert "compressed" in space_time.draw(run).axes[0].get_xlabel()
     columns = when.columns(300)
     assert (columns[0], columns[-1]) == (run.time[0], run.time[-1])
     sliding = (np.diff(columns) < 1.0).mean()

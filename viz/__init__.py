@@ -1,4 +1,4 @@
-"""Pictures of finished results: one per file, each a function that returns a figure."""
+"""Pictures of finished results: one per file, each a function that returns a figure; installed as flashtemp.viz."""
 
 if __name__ != "flashtemp.viz":
     raise ImportError("import flashtemp.viz, not viz: a second copy breaks isinstance")
@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 PICTURES = {
-    "profile": "profile", "film": "map", "field": "field", "friction": "friction", "budget": "budget",
+    "profile": "profile", "space_time": "map", "field": "field", "friction": "friction", "budget": "budget",
     "maps": "run_in", "worn": "worn",
     "width": "width", "spots": "spots",
 }  # fmt: skip

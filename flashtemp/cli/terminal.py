@@ -1,4 +1,4 @@
-"""What every command shares: results on stdout, messages and progress on stderr, exit codes of the contract."""
+"""What every command shares: results and --json on stdout, messages and progress on stderr, exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of images in kelvin and in sigma: noise, fixed pattern, whitening, and tests for structure."""
+"""Noise of a recording estimated from its frames, and residuals in sigma: fixed pattern, whitening, structure."""
 
 from __future__ import annotations
 

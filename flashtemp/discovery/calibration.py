@@ -1,4 +1,4 @@
-"""Gauss-Newton with a certificate: parameters of a campaign re-linearised until the next step is negligible."""
+"""The fit of a model's parameters to a campaign: Gauss-Newton with a certificate that the next step is negligible."""
 
 from __future__ import annotations
 

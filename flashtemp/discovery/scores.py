@@ -1,4 +1,4 @@
-"""Candidates scored from their traces: evidence of each, of all pairs, and what distinguishes them."""
+"""Candidates scored from their traces: Bayes factors of each and of all pairs, and what distinguishes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""case.toml -> Case: checked values with every default, every fault named with file, line, value and remedy."""
+"""case.toml -> Case: checked values with every default, and the scene that they describe."""
 
 from __future__ import annotations
 

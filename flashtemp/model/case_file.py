@@ -1,4 +1,4 @@
-"""A case file as text: reading TOML, where each key stands, overrides laid over it, and the checks on its tables."""
+"""A case file as text: TOML, where each key stands, overrides; unknown keys and wrong values are told from here."""
 
 from __future__ import annotations
 

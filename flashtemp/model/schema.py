@@ -1,4 +1,4 @@
-"""The declared keys of a case and what each kind of value must be; effects declare their own."""
+"""Every key of a case: unit, default, bounds and what kind of value it takes; effects declare their own."""
 
 from __future__ import annotations
 

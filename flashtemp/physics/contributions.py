@@ -1,4 +1,4 @@
-"""Whether what an effect yields names quantities and sites that there are: a typo is told, not a dead effect."""
+"""Whether what an effect's code yields names quantities and sites that there are: a typo in it is told at load."""
 
 from __future__ import annotations
 

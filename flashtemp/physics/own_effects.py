@@ -1,4 +1,4 @@
-"""Effects from outside the catalogue: a file of the user's own, or an installed package."""
+"""Effects from outside the catalogue: a file of the user's own (may it run? model/trust), an installed package."""
 
 from __future__ import annotations
 

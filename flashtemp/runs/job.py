@@ -1,4 +1,4 @@
-"""One job from case to result folder: whole or absent, resumable, re-runnable from what it holds."""
+"""One job from case to result folder (run.nc, summary.json, VTK): whole or absent, resumable, re-runnable."""
 
 from __future__ import annotations
 

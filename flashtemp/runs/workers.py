@@ -1,4 +1,4 @@
-"""Looks by many hands: local processes, or a Dask cluster where its address is given."""
+"""Tasks of sweeps and searches shared out to local processes, or to a Dask cluster where its address is given."""
 
 from __future__ import annotations
 

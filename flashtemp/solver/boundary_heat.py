@@ -1,4 +1,4 @@
-"""Boundary heat: here the film of every wall is applied to its cells, and every law on a patch or in a zone."""
+"""Boundary heat: here the air film of every wall is applied to its cells, and every law on a patch or in a zone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conduction and advection in block and road, and the depth-line preconditioner: one plane, or many across."""
+"""Conduction and advection in block and road; the depth-line preconditioner is factorised and solved from here."""
 
 from __future__ import annotations
 

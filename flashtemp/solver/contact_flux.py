@@ -1,4 +1,4 @@
-"""The interface of Level H: fluxes into rubber and road, eliminated between the two half-cells.
+"""Fluxes into rubber and road where they touch, spots on average (Level H), eliminated between the two half-cells.
 
 Unknown per depth line is the flux J_R into the rubber per spot area; everything else follows.
 With T_m the rubber temperature inside the spots (theory 1.4 eqs. (9)-(12)):

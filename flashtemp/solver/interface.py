@@ -1,4 +1,4 @@
-"""The interface: what presses where, what the contact makes of it, and how abrasion answers.
+"""The interface of block and road: local pressure (winkler), then fluxes (contact_flux), and what wear does to both.
 
 Pressure is consistent with load and moment at every instant; contact laws are taken at that pressure.
 """

@@ -1,4 +1,4 @@
-"""T(x, t) with everything needed to trust, redraw and repeat it."""
+"""The result of a run: T(x, t) with everything needed to trust, redraw and repeat it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The balance during one phase of the schedule, as CVODE asks for it: the rate, and what it is linearised."""
+"""The balance during one phase of the schedule as CVODE asks for it: the rate dy/dt and its linearisation."""
 
 from __future__ import annotations
 

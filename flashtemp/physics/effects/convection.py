@@ -1,4 +1,4 @@
-"""Air cools the walls of the block, the free road, and the face of a lifted block.
+"""Air cools the walls of the block, the free road, and the face of a lifted block: its film coefficient stands here.
 
 >>> from types import SimpleNamespace as N
 >>> films = list(Convection().heat(N(resolved=False), None))

@@ -1,4 +1,4 @@
-"""Air dragged past the block cools its walls, the faster the more: h = gain v^0.8.
+"""Air dragged past the block cools its walls beyond what convection does, the faster the more: h = gain v^0.8.
 
 >>> from types import SimpleNamespace as N
 >>> films = list(SideCooling().heat(None, None))

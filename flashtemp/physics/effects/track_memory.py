@@ -1,4 +1,4 @@
-"""The circular track remembers: road that comes round again is still warm.
+"""Switches on that the circular track remembers: road that comes round again is still warm.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = TrackMemory().heat(None, None)

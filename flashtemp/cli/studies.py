@@ -35,13 +35,13 @@ def sweep(
     scheduler
         Address of a running Dask scheduler whose workers share them instead.
     """
-    from flashtemp.api import questions
+    from flashtemp.api import studies
     from flashtemp.runs import sweep as sweeps
 
     asked = sweeps.plan(case, *sweeps.parsed(list(values)), trust)
     folder = out or Path("results") / f"{asked.case.name}-sweep"
     with counter(asked.case.name) as watch:
-        found = questions.sweep(asked, out=folder, workers=workers, scheduler=scheduler, watch=watch)
+        found = studies.sweep(asked, out=folder, workers=workers, scheduler=scheduler, watch=watch)
     emit({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
     return FAILED if found.failed else DONE
 
@@ -56,9 +56,9 @@ def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = F
     overrides
         Keys of the case to change, as table.key=value.
     """
-    from flashtemp.api import inputs, questions
+    from flashtemp.api import inputs, studies
 
-    result = questions.converge(inputs.load(case, list(overrides), trust=trust), say=teller(json))
+    result = studies.converge(inputs.load(case, list(overrides), trust=trust), say=teller(json))
     emit(result.as_dict(), json, str(result))
     return DONE
 
@@ -85,9 +85,9 @@ def repetitions(
     of
         What settles: friction, or how uneven the pressure is (result folder only).
     """
-    from flashtemp.api import questions
+    from flashtemp.api import studies
 
-    result = questions.repetitions(source, within=within, distance=distance, of=of)
+    result = studies.repetitions(source, within=within, distance=distance, of=of)
     emit(result.as_dict(), json, str(result))
     return DONE
 
@@ -114,8 +114,8 @@ def wait(
     of
         Which temperature: the block's surface (T_block) or its macroasperity contact regions (T_spot).
     """
-    from flashtemp.api import inputs, questions
+    from flashtemp.api import inputs, studies
 
-    result = questions.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=teller(json))
+    result = studies.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=teller(json))
     emit(result.as_dict(), json, str(result))
     return DONE

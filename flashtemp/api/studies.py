@@ -1,4 +1,4 @@
-"""What one case answers when it is marched more than once: sweeps, refinement, repetitions, waits."""
+"""Studies that march a case more than once: sweep, converge, repetitions, wait."""
 
 from __future__ import annotations
 

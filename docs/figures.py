@@ -14,7 +14,7 @@ from flashtemp.comparison.compare import compare
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
-from flashtemp.viz import comparison, field, maps, profile, theme, worn
+from flashtemp.viz import comparison, field, maps, profile, space_time, theme, worn
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "pictures"
@@ -113,7 +113,7 @@ def main() -> None:
     }  # fmt: skip
     exponents(laws).savefig(OUT / "exponent.png", dpi=130)
     run_in = simulate("run_in")
-    for name, module in (("run_in", maps), ("run_in_map", film), ("run_in_field", field), ("worn", worn)):
+    for name, module in (("run_in", maps), ("run_in_map", space_time), ("run_in_field", field), ("worn", worn)):
         module.draw(run_in).savefig(OUT / f"{name}.png", dpi=110)
     profile.draw(simulate("uniform_pressure")).savefig(OUT / "profile.png", dpi=110)
     speeds = np.array([0.1, 0.25, 0.5, 1.0])

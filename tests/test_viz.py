@@ -20,7 +20,7 @@ from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 from flashtemp.viz import animation, budget, field, friction, maps, profile, space_time, theme, time_axis, worn
 
-PICTURES = (profile, film, field, friction, budget, maps, worn, animation)
+PICTURES = (profile, space_time, field, friction, budget, maps, worn, animation)
 RUNS = {
     "run_in": {"effects": ["track_memory", "friction_softening"], "schedule.repetitions": 9, "schedule.wait": 10.0},
     "one": {},

@@ -30,57 +30,86 @@ CHANGE = {
 }  # fmt: skip
 
 
+class Triplets:
+    """A sparse matrix (n, n) as it grows: entries (row, column, weight)."""
+
+    def __init__(self, n: int):
+        self.n = n
+        self.rows: list[np.ndarray] = []
+        self.columns: list[np.ndarray] = []
+        self.weights: list[np.ndarray] = []
+
+    def add(self, rows, columns, weights) -> None:
+        """Entries of equal length."""
+        for kept, new in ((self.rows, rows), (self.columns, columns), (self.weights, weights)):
+            kept.append(new)
+
+    def link(self, i, j, g) -> None:
+        """Exchange between cells i and j with conductances g."""
+        for a, c, w in ((i, i, -g), (j, j, -g), (i, j, g), (j, i, g)):
+            self.add(a, c, w)
+
+    def matrix(self):
+        """Its sum, by rows."""
+        entries = np.concatenate(self.weights), (np.concatenate(self.rows), np.concatenate(self.columns))
+        return sp.coo_matrix(entries, shape=(self.n, self.n)).tocsr()
+
+
+def conduction(b: Balance, across):
+    """Conduction, films and the contact with conductances `across` (columns,): what does not change with speed."""
+    mesh, out = b.scene.mesh, Triplets(b.n)
+    c = np.arange(b.n)
+    up, inside = c[b.gz > 0], c[b.gx > 0]
+    out.link(up, up + 1, b.gz[up])
+    out.link(inside, mesh.start[mesh.line[inside] - 1] + mesh.level[inside], b.gx[inside])
+    sites = b.boundary
+    for k, site in enumerate(sites.names):
+        if site not in ("block.face", "road.under"):
+            at = slice(sites.offset[k], sites.offset[k + 1])
+            out.add(sites.cell[at], sites.cell[at], -sites.area[at] / (sites.half[at] + 1 / 20.0))
+    out.link(b.cell_block, b.cell_road, across)
+    out.add(mesh.road[0], mesh.road[0], -b.g_in)
+    return out.matrix()
+
+
+def advection(b: Balance):
+    """The road's advection at 1 m/s, by the same second-order upwind stencil."""
+    mesh, out = b.scene.mesh, Triplets(b.n)
+    m, F = mesh.n_road, b.carry_unit
+    for i in range(mesh.n_lines):
+        here = mesh.start[i] + np.arange(m)
+        targets = [(here, -1.0)] + ([(mesh.start[i + 1] + np.arange(m), 1.0)] if i + 1 < mesh.n_lines else [])
+        for to, sign in targets:
+            out.add(to, here, sign * F * (1 + b.slope[i]))
+            if i:
+                out.add(to, mesh.start[i - 1] + np.arange(m), -sign * F * b.slope[i])
+    return out.matrix()
+
+
+def sources(b: Balance, toward_block, toward_road):
+    """Heat of every cell (n, columns) per unit q = mu p v: half in depth, half shared by the two faces."""
+    mesh = b.scene.mesh
+    S = sp.lil_matrix((b.n, len(b.cell_block)))
+    deep = np.zeros(mesh.n_block)
+    deep[: len(b.weight)] = b.weight
+    for j, dx in enumerate(mesh.dx_block):
+        S[mesh.block[j], j] = deep * dx
+        S[b.cell_block[j], j] += 0.25 * dx * toward_block[j]
+        S[b.cell_road[j], j] += 0.25 * dx * toward_road[j]
+    return S.tocsc()
+
+
 def peer(case, rtol: float):
     """Assemble A0 + v A1 and march with solve_ivp; returns cells, x, final rise of T_R (x,)."""
     scene = case.scene
     b, mesh = Balance(scene), scene.mesh
-    n, m = b.n, mesh.n_road
-    rows_, cols, W = [], [], []
-
-    def link(i, j, g):
-        for a, c, w in ((i, i, -g), (j, j, -g), (i, j, g), (j, i, g)):
-            rows_.append(a), cols.append(c), W.append(w)
-
-    c = np.arange(n)
-    up = c[b.gz > 0]
-    link(up, up + 1, b.gz[up])
-    inside = c[(b.gx > 0)]
-    link(inside, mesh.start[mesh.line[inside] - 1] + mesh.level[inside], b.gx[inside])
-    sites = b.sites
-    for k, site in enumerate(sites.names):
-        if site not in ("block.face", "road.under"):
-            at = slice(sites.offset[k], sites.offset[k + 1])
-            cells = sites.cell[at]
-            rows_.append(cells), cols.append(cells), W.append(-sites.area[at] / (sites.half[at] + 1 / 20.0))
-    r, s = b.cell_block, b.cell_road
-    dx, alpha = mesh.dx_block, 2e5
-    Rr, Rs, Ra = b.half_block, b.half_road, 1 / alpha
+    r, s, n = b.cell_block, b.cell_road, b.n
+    Rr, Rs, Ra = b.half_block, b.half_road, 1 / 2e5
     Rt = Rr + Rs + Ra
-    link(r, s, dx / Rt)
-    first = mesh.road[0]
-    rows_.append(first), cols.append(first), W.append(-b.g_in)
-    A0 = sp.coo_matrix((np.concatenate(W), (np.concatenate(rows_), np.concatenate(cols))), shape=(n, n)).tocsr()
-    rows_, cols, W = [], [], []
-    F = scene.road.volumetric_capacity * b.dz_road
-    for i in range(mesh.n_lines):  # the same second-order upwind stencil
-        here = mesh.start[i] + np.arange(m)
-        targets = [(here, -1.0)] + ([(mesh.start[i + 1] + np.arange(m), 1.0)] if i + 1 < mesh.n_lines else [])
-        for to, sign in targets:
-            rows_.append(to), cols.append(here), W.append(sign * F * (1 + b.slope[i]))
-            if i:
-                rows_.append(to), cols.append(mesh.start[i - 1] + np.arange(m)), W.append(-sign * F * b.slope[i])
-    A1 = sp.coo_matrix((np.concatenate(W), (np.concatenate(rows_), np.concatenate(cols))), shape=(n, n)).tocsr()
     C = sp.diags(1 / b.capacity)
-    A0, A1 = (C @ A0).tocsc(), (C @ A1).tocsc()
+    A0, A1 = (C @ conduction(b, mesh.dx_block / Rt)).tocsc(), (C @ advection(b)).tocsc()
+    S = (C @ sources(b, (Ra + 2 * Rs) / Rt, (Ra + 2 * Rr) / Rt)).tocsc()
     t_speed, v_speed = np.array(SPEED).T
-    S = sp.lil_matrix((n, len(r)))  # heat of one line per unit q = mu p v
-    deep = np.zeros(mesh.n_block)
-    deep[: len(b.weight)] = b.weight
-    for j in range(len(r)):
-        S[mesh.block[j], j] = deep * dx[j]
-        S[r[j], j] += 0.5 * 0.5 * dx[j] * (Ra + 2 * Rs[j]) / Rt[j]
-        S[s[j], j] += 0.5 * 0.5 * dx[j] * (Ra + 2 * Rr[j]) / Rt[j]
-    S = (C @ S.tocsc()).tocsc()
     bsoft = case["friction_softening.b"]
 
     def surface(y, q):

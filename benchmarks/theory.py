@@ -16,6 +16,7 @@ import numpy as np
 from flashtemp.model.build import theory_of
 from flashtemp.model.case import load
 from flashtemp.physics.friction.friction_table import tabulate
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.march import march
 
 THEORY = {"effects": ["persson_friction"]}
@@ -40,11 +41,11 @@ def median(function, repeat: int) -> float:
 def tables(file: Path, repeat: int) -> None:
     """What tabulating costs: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
     scene, acting = theory_of(load(file, THEORY))
-    theory, T = acting.p.theory, 273.15 + np.linspace(-20.0, 180.0, 40)
+    theory, T = acting.p.theory, KELVIN + np.linspace(-20.0, 180.0, 40)
     v = np.geomspace(1e-6, 10.0, 60)[:, None]
     print(f"{'mu(v, T), 60 x 40':36s} {1e3 * median(lambda: theory(v, T, 1.5e5), repeat):6.0f} ms")
     for words, speeds in (("one speed", (0.1, 0.1)), ("0.01 to 1 m/s", (0.01, 1.0))):
-        made = []
+        made: list = []
 
         def make(speeds=speeds, made=made):  # another pressure each time, so that none is taken from before
             made.append(tabulate(theory, scene.block, 3e-3, speeds, 1.5e5 + len(made), 293.15, 4e-6))

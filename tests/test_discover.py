@@ -41,7 +41,7 @@ from flashtemp.showing import finite
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {
     "schedule.repetitions": 2, "schedule.distance": 0.4, "schedule.wait": 8.0, "road.track_length": 0.4,
-    "numerics.mesh": 0.5,
+    "numerics.mesh": 0.5, "numerics.rtol": 1e-3, "output.profiles": 10,
 }  # fmt: skip
 CLEAR = 12.0  # projected signal to noise from which an effect has to be found
 

@@ -25,9 +25,10 @@ coverage: $(READY)  ## run the tests and tell which lines they miss; solver and 
 	@.venv/bin/coverage report --include='*/solver/*,*/discovery/*' | \
 		awk '$$1 ~ /\.py$$/ && $$NF + 0 < 85 {print "below 85 %:", $$0; low = 1} END {exit low}'
 
-lint: $(READY)  ## ruff: rules and format
+lint: $(READY)  ## ruff: rules and format; mypy: types
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
+	.venv/bin/mypy flashtemp
 
 clean:  ## remove .venv and everything built or cached, but no results
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis .coverage .coverage.*

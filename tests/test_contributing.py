@@ -68,10 +68,10 @@ def test_what_is_named_inside_files_is_there():
 
 
 def test_hooks_and_continuous_integration_run_what_lint_runs():
-    """The same programs by hand, with every commit and on the server; nothing is fetched for the hooks."""
+    """The same three programs by hand, with every commit and on the server; nothing is fetched for the hooks."""
     makefile, hooks, ci = ((ROOT / f).read_text() for f in ("Makefile", ".pre-commit-config.yaml", ".ci/run"))
     lint = re.search(r"^lint:.*\n((?:\t.*\n)+)", makefile, re.M)[1]
-    for program in ("ruff check", "ruff format"):
+    for program in ("ruff check", "ruff format", "mypy flashtemp"):
         assert f"{INSTALLED}{program}" in lint
         assert f"entry: {INSTALLED}{program}" in hooks
     assert re.findall(r"repo: (\S+)", hooks) == ["local"]

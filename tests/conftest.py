@@ -133,7 +133,7 @@ def pytest_terminal_summary(terminalreporter, config):
     for report in (
         r for kind in ("passed", "failed", "error", "skipped", "") for r in terminalreporter.getreports(kind)
     ):
-        seconds[Path(report.fspath).stem] += report.duration
+        seconds[Path(report.fspath).stem] += getattr(report, "duration", 0.0)  # a file that fails to load has none
     terminalreporter.section("seconds of every area")
     for row in (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines():
         if found := re.findall(r"`(test_\w+)`", row if row.startswith("|") else ""):

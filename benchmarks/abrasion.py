@@ -11,6 +11,7 @@ from pathlib import Path
 from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
+from flashtemp.solver.run import Run
 
 CASE = Path(__file__).parent.parent / "cases" / "run_in"
 PLAIN = ["friction_softening", "track_memory", "edge_pressure"]
@@ -22,7 +23,7 @@ KINDS = {
 }
 
 
-def seconds(case) -> tuple[float, object]:
+def seconds(case) -> tuple[float, Run]:
     """CPU seconds of set-up and solve with two profiles a stretch, and the Run."""
     lean, began = replace(case.settings, profiles=2, fields=2), time.process_time()
     run = march(case.scene, lean)

@@ -20,7 +20,7 @@ from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.march import march
 
 THEORY = {"effects": ["persson_friction"]}
-OTHERS = {  # the same friction at the end, about
+OTHERS: dict[str, dict] = {  # the same friction at the end, about
     "a number": {"effects": [], "friction.mu": 0.47},
     "mu(T), exponential": {"effects": ["friction_softening"], "friction.mu": 0.5},
     "a number, heat at one depth": {"effects": ["heat_depth"], "friction.mu": 0.47},

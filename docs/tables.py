@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 
 from flashtemp.physics.quantities import CAMERA, QUANTITIES, SITES, Quantity
@@ -24,11 +25,16 @@ def sites() -> str:
     )
 
 
+def _filled(table: str, place: re.Match[str]) -> str:
+    """The marks of a table with it between them."""
+    return place[1] + table + place[2]
+
+
 def page(text: str) -> str:
     """The page with its tables written anew between their marks."""
     for name, table in (("sites", sites()), ("quantities", rows(QUANTITIES)), ("camera", rows(CAMERA))):
         marks = rf"(<!-- {name}: [^\n]*-->\n).*?(<!-- end -->)"
-        text, found = re.subn(marks, lambda m, table=table: m[1] + table + m[2], text, flags=re.DOTALL)
+        text, found = re.subn(marks, partial(_filled, table), text, flags=re.DOTALL)
         if found != 1:
             raise SystemExit(f"{PAGE}: has no place for the table of {name}")
     return text

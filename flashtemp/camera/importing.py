@@ -246,11 +246,12 @@ class Place:
         if self.mask.any():
             T = np.where(self.mask, np.nan, T)
         u, v = self.known
-        if self.M is None and u is not None and v is not None:
+        if self.M is not None:
+            placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
+        else:
+            assert u is not None and v is not None  # otherwise the images are unplaced
             placed = geometry.Placed(T, u, v)
             placed = placed if self.crop is None else geometry.cut(placed, self.crop)
-        else:
-            placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
         if self.view != "profile" or len(placed.v) == 1:
             return placed
         return geometry.Placed(_line(placed.temperature, self.band), placed.u, np.zeros(1), placed.note)

@@ -31,6 +31,7 @@ TOWER = [  # from the ground; a package imports itself and what stands before it
 FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
 MOST = 14  # entries at the top of flashtemp/
 LONGEST = 350  # lines of a module
+SCREEN = 60  # lines of a function; its complexity is linted
 
 
 def modules() -> dict[str, Path]:
@@ -120,6 +121,12 @@ def test_drawing_stays_at_the_edge(module):
 @named()
 def test_length(module):
     assert len(MODULES[module].read_text().splitlines()) <= LONGEST
+
+
+@named()
+def test_functions_fit_on_a_screen(module):
+    functions = [n for n in ast.walk(ast.parse(MODULES[module].read_text())) if isinstance(n, ast.FunctionDef)]
+    assert [f.name for f in functions if f.end_lineno - f.lineno + 1 > SCREEN] == []
 
 
 @pytest.mark.parametrize("folder", ["meshes", "viz"])

@@ -249,7 +249,8 @@ class Place:
         if self.M is not None:
             placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
         else:
-            assert u is not None and v is not None  # otherwise the images are unplaced
+            assert u is not None  # otherwise the images are unplaced
+            assert v is not None
             placed = geometry.Placed(T, u, v)
             placed = placed if self.crop is None else geometry.cut(placed, self.crop)
         if self.view != "profile" or len(placed.v) == 1:

@@ -14,7 +14,7 @@ from flashtemp.api.simulation import simulate
 from flashtemp.model.case import assemble
 from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
-from flashtemp.viz import animation, animation_frame, theme
+from flashtemp.viz import animation, animation_frame, theme, time_axis
 
 SMALL = {
     "effects": ["edge_pressure", "wear", "friction_softening"],
@@ -126,7 +126,7 @@ def test_mp4_hands_every_frame_to_ffmpeg_for_its_time(run, tmp_path, monkeypatch
 
 
 def test_one_frame_per_repetition_and_constant_temperature(run, tmp_path):
-    ends = [int(np.flatnonzero(run.frames == k)[0]) for k in flashtemp.viz.clock.ends(run)]
+    ends = [int(np.flatnonzero(run.frames == k)[0]) for k in time_axis.ends(run)]
     few = replace(run, frames=run.frames[ends], field=run.field[ends])
     assert len(decode(animation.write(few, tmp_path / "few.gif"))[0]) == 3
     cold = {k: np.full_like(getattr(run, k), 20.0) for k in ("field", "T_block", "T_spot", "T_road")}

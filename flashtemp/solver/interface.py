@@ -1,4 +1,4 @@
-"""The interface of block and road: local pressure (winkler), then fluxes (contact_flux), and what wear does to both.
+"""The interface of block and road: local pressure (winkler), then fluxes (contact_flux), and how abrasion answers.
 
 Pressure is consistent with load and moment at every instant; contact laws are taken at that pressure.
 """

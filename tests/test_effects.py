@@ -34,7 +34,7 @@ def bench():
     return Bench()
 
 
-def holds(*findings) -> None:
+def check_findings(*findings) -> None:
     """Every finding is good; the sentences of those that are not are shown."""
     assert findings
     assert [f"{f.name}: {f.says}" for f in findings if not f.ok] == []
@@ -43,13 +43,13 @@ def holds(*findings) -> None:
 @IN_EVERY_SHAPE
 @pytest.mark.parametrize("name", HEATING)
 def test_off_is_the_base_bit_for_bit(bench, name, shape):
-    holds(balance.off(bench, TRIALS[name], shape))
+    check_findings(balance.off(bench, TRIALS[name], shape))
 
 
 @pytest.mark.parametrize("name", HEATING)
 def test_acts_at_its_defaults(bench, name):
     trial = TRIALS[name]
-    holds(balance.acts(bench, trial))
+    check_findings(balance.acts(bench, trial))
     if name == "pressure_roll":  # what leans sideways has a width
         shape = SHAPES["3D"]
         assert np.ptp(bench.run(trial, values=shape).field[-1] - bench.run(None, values=shape).field[-1]) > 1.0
@@ -62,7 +62,7 @@ def test_acts_at_its_defaults(bench, name):
 
 @pytest.mark.parametrize("name", [n for n in OPTIONAL if n not in HEATING])
 def test_camera(bench, name):
-    holds(*camera.seen(bench, TRIALS[name]))
+    check_findings(*camera.seen(bench, TRIALS[name]))
 
 
 @pytest.mark.parametrize("name", BASE)
@@ -98,13 +98,13 @@ def test_meaning_of_off_in_the_base(bench):
 @pytest.mark.parametrize("name", [*BASE, *HEATING])
 def test_laws_are_sound(bench, name):
     """Finite, repeatable, pointwise, differentiable, and finite where speed, pressure or a parameter is at its end."""
-    holds(*laws.asked(bench, TRIALS[name]))
+    check_findings(*laws.asked(bench, TRIALS[name]))
 
 
 @IN_EVERY_SHAPE
 @EACH
 def test_jacobian_is_exact(bench, name, shape):
-    holds(balance.jacobian(bench, TRIALS.get(name), shape))
+    check_findings(balance.jacobian(bench, TRIALS.get(name), shape))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_jacobian_is_exact_where_effects_meet(bench, names):
 @EACH
 def test_linearisation_used_by_the_solver(bench, name, shape):
     """`times` is J v, but for the slope of k(T): that by little."""
-    holds(balance.linearisation(bench, TRIALS.get(name), shape))
+    check_findings(balance.linearisation(bench, TRIALS.get(name), shape))
 
 
 def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench):
@@ -145,12 +145,12 @@ def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench):
 @EACH
 def test_every_linear_step_conserves_heat(bench, name, shape):
     """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
-    holds(balance.conservation(bench, TRIALS.get(name), shape))
+    check_findings(balance.conservation(bench, TRIALS.get(name), shape))
 
 
 @pytest.mark.parametrize("name", HEATING)
 def test_energy_audit(bench, name):
-    holds(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))
+    check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))
 
 
 @IN_EVERY_SHAPE
@@ -169,13 +169,13 @@ def test_runaway_is_explained(bench):
 # --- what the files declare ------------------------------------------------------------------------
 @pytest.mark.parametrize("name", EVERY)
 def test_declaration(name):
-    holds(source.words(TRIALS[name]), source.parameters(TRIALS[name]))
+    check_findings(source.words(TRIALS[name]), source.parameters(TRIALS[name]))
     assert all(isinstance(p, Param) for p in catalogue()[name].params().values())
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_file(name):
-    holds(*(look(TRIALS[name]) for look in (source.file, source.imports, source.example)))
+    check_findings(*(look(TRIALS[name]) for look in (source.file, source.imports, source.example)))
 
 
 def test_every_file_is_in_the_catalogue():

@@ -8,16 +8,19 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 PIP := .venv/bin/python -m pip --disable-pip-version-check
 READY := .venv/.ready
 
-.PHONY: help demo test coverage lint odes clean
+.PHONY: help demo test test-all coverage lint odes clean
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /  make \1	/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
 
 demo: $(READY)  ## simulate cases/run_in; CASE=... for another
 	.venv/bin/flashtemp run $(CASE)
 
-test: $(READY)  ## run the tests, a file per core at a time; ARGS=... goes to pytest
+test: $(READY)  ## run the tests but the long ones, a file per core at a time; ARGS=... goes to pytest
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
+
+test-all: $(READY)  ## run the long tests too
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "" $(ARGS)
 
 coverage: $(READY)  ## run the tests and tell which lines they miss; solver and discovery need 85 % a module
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report= $(ARGS)

@@ -25,7 +25,7 @@ RUNS: dict[tuple[str, str], object] = {}
 
 READING = {"quantity", "at", "slid", "repetition", "across", "with"}
 CONDITIONS = {"between", "reference", "trend", "flat_within", "peak_between", "exponent_between"}
-KEYS = READING | CONDITIONS | {"claim", "says", "over", "within", "sweep", "each", "minus", "per"}
+KEYS = READING | CONDITIONS | {"claim", "says", "over", "within", "sweep", "each", "minus", "per", "long"}
 
 PROFILES = {
     "rise_block": lambda run: run.T_block - run.ambient_degC,
@@ -63,7 +63,13 @@ def all_checks():
     for folder in FOLDERS:
         short, checks = expectations(folder)
         out += [
-            pytest.param(folder, short, check, id=f"{folder.name}-{number}-{check.get('claim')}")
+            pytest.param(
+                folder,
+                short,
+                check,
+                id=f"{folder.name}-{number}-{check.get('claim')}",
+                marks=[pytest.mark.long] if check.get("long") else [],
+            )
             for number, check in enumerate(checks, 1)
         ]
     return out

@@ -94,6 +94,12 @@ CHANGED = {
 }
 CAMPAIGNS = ONE | TWO | NONE | OUTSIDE | CHANGED
 BY_COMMAND = "tilt"  # this one goes the way of the user: by command, into a folder
+QUICK = (BY_COMMAND, "film", "null 1", "W-shaped", "swapped")  # with every change; the others are `long`
+
+
+def each(names):
+    """Names as parameters of a test."""
+    return [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in names]
 
 
 # --- the campaigns, in processes of their own ------------------------------------------------------------
@@ -218,10 +224,12 @@ def run(folder: Path, names: list[str]) -> None:
 
 # --- verdicts ------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """The verdict on every campaign, with the truth opened afterwards."""
+def found(tmp_path_factory, request):
+    """The verdict on every campaign that the tests of this run ask for, with the truth opened afterwards."""
     folder = tmp_path_factory.mktemp("discover")
-    done = subprocess.run([sys.executable, __file__, str(folder)], capture_output=True, text=True)
+    short = all(item.get_closest_marker("long") is None for item in request.session.items)
+    names = QUICK if short else CAMPAIGNS
+    done = subprocess.run([sys.executable, __file__, str(folder), *names], capture_output=True, text=True)
     (folder / "table.txt").write_text(done.stdout)
     print(done.stdout, done.stderr)
 
@@ -269,7 +277,7 @@ def check_parameter(found, effect):
     assert value["unit"] == find(effect).params()[k].unit
 
 
-@pytest.mark.parametrize("name", ONE)
+@pytest.mark.parametrize("name", each(ONE))
 def test_an_effect_is_found(found, name):
     """One effect that can be seen clearly is the only cause, or in the group of causes that look alike."""
     now, [effect] = found(name), ONE[name].effects
@@ -286,7 +294,7 @@ def test_an_effect_is_found(found, name):
     check_friction(now)
 
 
-@pytest.mark.parametrize("name", TWO)
+@pytest.mark.parametrize("name", each(TWO))
 def test_two_effects_are_found(found, name):
     now = found(name)
     assert (now.verdict, set(now.names)) == ("named", set(TWO[name].effects))
@@ -297,7 +305,7 @@ def test_two_effects_are_found(found, name):
     check_friction(now)
 
 
-@pytest.mark.parametrize("name", NONE)
+@pytest.mark.parametrize("name", each(NONE))
 def test_where_nothing_is_hidden_nothing_is_found(found, name):
     """Noise, camera faults and drawn nuisances alone; an effect of amplitude 0 is nothing."""
     now = found(name)
@@ -318,6 +326,7 @@ def test_a_shape_that_no_member_has_is_unexplained(found):
     assert "not in the catalogue" in now.says[0]
 
 
+@pytest.mark.long
 def test_without_the_true_effect_no_other_is_named_for_sure(found):
     """A crowned pressure while the catalogue lacks it: what resembles it may be mentioned, but never as the sure
     cause; only the verdict class is asserted, for the nearest member depends on the seed."""
@@ -327,6 +336,7 @@ def test_without_the_true_effect_no_other_is_named_for_sure(found):
 
 
 # --- what must change with the data, and what must not --------------------------------------------------
+@pytest.mark.long
 def test_noise_makes_less_certain_never_wrong(found):
     """Ten times the noise: the right name, a hint of it, or none."""
     now = found("noisy")
@@ -334,6 +344,7 @@ def test_noise_makes_less_certain_never_wrong(found):
     assert set(now.names) <= {"friction_softening"}
 
 
+@pytest.mark.long
 def test_what_only_has_one_sign_is_not_found_with_the_other(found):
     """Heat within the rubber cannot cool it: with its trace mirrored it is not among the causes."""
     now = found("flipped")
@@ -399,7 +410,7 @@ def test_verdict_holds_the_contract(found):
     assert now["certificate"]["converged"] is True
 
 
-@pytest.mark.parametrize("name", [*NONE, *OUTSIDE])
+@pytest.mark.parametrize("name", each([*NONE, *OUTSIDE]))
 def test_verdicts_without_a_cause_hold_the_contract_too(found, name):
     now = vars(found(name))
     for key, kind in CONTRACT.items():

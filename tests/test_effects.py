@@ -148,12 +148,14 @@ def test_every_linear_step_conserves_heat(bench, name, shape):
     check_findings(balance.conservation(bench, TRIALS.get(name), shape))
 
 
-@pytest.mark.parametrize("name", HEATING)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n == "resolved_spots" else n for n in HEATING]
+)
 def test_energy_audit(bench, name):
     check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))
 
 
-@IN_EVERY_SHAPE
+@pytest.mark.parametrize("shape", [s if s == "lifted" else pytest.param(s, marks=pytest.mark.long) for s in SHAPES])
 def test_energy_audit_of_all_effects_together(bench, shape):
     values = RICH | SHAPES[shape] | {"friction.volumetric_share": 0.0}
     every = {k: v for need in NEEDS.values() for k, v in need.items()}

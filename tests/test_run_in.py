@@ -48,7 +48,7 @@ def archard(lab, pressure=2.5e5, speed=0.1):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0])
+@pytest.mark.parametrize("speed", [pytest.param(0.1, marks=pytest.mark.long), 1.0])
 def test_V17_relaxation_and_mean_depth(lab, speed):
     run = archard(lab, speed=speed)
     start, p = run.pressure[0] - 2.5e5, run.pressure - 2.5e5
@@ -62,6 +62,7 @@ def test_V17_relaxation_and_mean_depth(lab, speed):
     lab.check("V17 mean worn depth, um of 525", abs(deep - 525.0), 1e-8)
 
 
+@pytest.mark.long
 def test_relaxation_does_not_depend_on_the_load(lab):
     light, heavy = (archard(lab, pressure).pressure[-1] / pressure for pressure in (0.05e6, 0.3e6))
     np.testing.assert_allclose(light, heavy, atol=1e-5)
@@ -206,6 +207,7 @@ def test_energy_audit_with_everything_on(lab, eventful):
     lab.check("energy imbalance with everything on", eventful.energy_imbalance, 1e-14)
 
 
+@pytest.mark.long
 def test_error_in_time_follows_the_tolerance_through_all_events(lab):
     def run(rtol):
         made = lab.case(**EVENTS, **SHORT, numerics__rtol=rtol)
@@ -221,6 +223,7 @@ def test_error_in_time_follows_the_tolerance_through_all_events(lab):
 
 
 # --- cases ------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_worn_profile_of_backward_is_that_of_run_in():
     """cases/backward begins where cases/run_in ends: the file there is what the run writes."""
     case = load(CASES / "run_in")

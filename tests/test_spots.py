@@ -110,7 +110,14 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, held):
 
 
 # --- heat --------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("phi", "excess"), [(0.2, 0.17201627), (0.3, 0.16615538), (0.5, 0.12625818)])
+@pytest.mark.parametrize(
+    ("phi", "excess"),
+    [
+        (0.2, 0.17201627),
+        pytest.param(0.3, 0.16615538, marks=pytest.mark.long),
+        pytest.param(0.5, 0.12625818, marks=pytest.mark.long),
+    ],
+)
 def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     """Mean excess in the on-phase over the period mean, in units of q sqrt(P)/e; the road takes no heat."""
     length, speed, time = D / phi, 0.5, 0.5

@@ -1,6 +1,7 @@
 """Every closed form reproduces its check number of the verification list to the digits given there."""
 
 from math import e, inf, pi, sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -325,18 +326,22 @@ def test_V23_lane_factor(diameter, values):
     ]
 
 
-def test_V23_retained_and_the_function_of_the_lanes_effect():
+def test_V23_retained_is_the_mean_over_depth_of_the_lanes_effect():
+    """R(tau) by Bessel functions, and by the overlap of discs under the Gaussian that heat of this age shows in depth."""
+    edges = 3e-3 * np.linspace(0.0, 1.0, 20001)
+    [factor] = lanes.Lanes().heat(SimpleNamespace(spot_diameter=3e-3), None)
+    overlap = factor.law(None, SimpleNamespace(covered=0.0), SimpleNamespace(lane_widening=1.0), edges)
+    middle = 0.5 * (edges[1:] + edges[:-1])
     assert closed_forms.lane_retained(DS, 3e-3, 0.25) == printed("0.748847666")
     short = 1 - 2 / sqrt(pi) * sqrt(DS * 1e-4) / 3e-3
     assert closed_forms.lane_factor(DS, 3e-3, 1e-4) == pytest.approx(short, abs=1e-5)
     for t in (1e-4, 0.025, 0.25, 2.0):
-        assert lanes.mean_factor(t, 0.0, 3e-3, DS, 1e-6) == pytest.approx(
-            closed_forms.lane_factor(DS, 3e-3, t), rel=1e-6
-        )
+        kept = 1.0 + np.diff(overlap) @ np.exp(-(middle**2) / (4 * DS * t))
+        assert kept == pytest.approx(closed_forms.lane_retained(DS, 3e-3, t), abs=1e-7)
 
 
-def test_lane_factor_moves_evenly_between_contact_fractions():
-    """Linear between tabulated fractions, so that a fraction that moves does not jump."""
-    low, high, between = (float(lanes.mean_factor(5.0, 1.0, 3e-3, DS, f)) for f in (0.20, 0.21, 0.2025))
-    assert low != high
-    assert between == pytest.approx(0.75 * low + 0.25 * high, rel=1e-12)
+def test_a_lane_never_falls_below_the_mean_of_the_road():
+    [factor] = lanes.Lanes().heat(SimpleNamespace(spot_diameter=3e-3), None)
+    for phi in (0.2, 1.0):
+        now, p = SimpleNamespace(covered=phi), SimpleNamespace(lane_widening=1.0)
+        assert factor.law(None, now, p, np.array([0.0, 1.0])) == pytest.approx([1.0, phi])

@@ -68,8 +68,8 @@ QUANTITIES: dict[str, Quantity] = {
             "friction.in_depth", "1", "1", "factor on the share of the heat that deposits release in depth", SPOTS,
         ),
         Quantity(
-            "road.lane_rise", "1", "1", "rise of the lanes' surface over that of a column",
-            "x, contact fraction and its mean, `now.history`",
+            "road.lane_overlap", "1", "1", "what a lane shifted sideways still covers of itself: 1 at no distance",
+            "mean contact fraction; the distance in m, a fourth argument of the law",
         ),
         Quantity(
             "road.inflow", "K", "drift of the air",

@@ -19,15 +19,21 @@ Rows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: cells an
 class Slopes:
     """Slopes of the heat of boundary and contact with temperature, W/(m K).
 
-    `own` of cells `cell` with their own temperature, `up`, `down` (columns,) across the interface: d(road heat)/d(block
-    T) and d(block heat)/d(road T); `deposits` (columns,) of the heat in depth with both, None where there is none.
+    `own` of cells `cell` with their own temperature; at the interface (columns,) `lane` d(road heat)/d(lane T), `up`
+    d(road heat)/d(block T), `down` d(block heat)/d(lane T); `deposits` (columns,) of the heat in depth with block and
+    lane, None where there is none.
     """
 
     cell: np.ndarray
     own: np.ndarray
+    lane: np.ndarray
     up: np.ndarray
     down: np.ndarray
     deposits: tuple[np.ndarray, np.ndarray] | None
+
+    def diagonal(self, road: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cells and their own slopes where lanes keep their width; `road` (columns,) cells at the interface."""
+        return np.concatenate([self.cell, road]), np.concatenate([self.own, self.lane])
 
 
 def solid(balance: Balance) -> Plane | Slab:
@@ -87,11 +93,11 @@ class Plane:
         """Around conductivities `kf` (cells,) and dh/dT `stretch` (cells,), with P ~ I - gamma J factorised.
 
         `carry` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
-        cells at the face.
+        cells at the face, and lanes keep their width.
         """
         gx, gz = self.conductances(kf)
         own = np.zeros(self.b.n)
-        np.add.at(own, slopes.cell, slopes.own)
+        np.add.at(own, *slopes.diagonal(self.b.cell_road))
         factors = self._factors(gamma, Transport(gx, gz, carry, stretch), own, slopes.up, slopes.down)
         pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
         crossing = Crossing(slopes.up, slopes.down, *pivots)
@@ -117,13 +123,17 @@ class LinearisedPlane:
     factors: Factors
     crossing: Crossing
 
-    def product(self, T, out) -> None:
-        """out = J v of cells whose temperatures change by T (cells,), in K/s; nothing enters with the road."""
+    def product(self, T, lane, out) -> None:
+        """out = J v of cells whose temperatures change by T (cells,), lanes' by `lane` (columns,), in K/s.
+
+        Nothing enters with the road.
+        """
         b, slopes = self.solid.b, self.slopes
         out[:] = 0.0
-        kernels_2d.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, slopes.up, slopes.down, T, out)
+        across = slopes.lane, slopes.up, slopes.down
+        kernels_2d.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, *across, T, lane, out)
         if slopes.deposits is not None:
-            power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * T[b.cell_road]
+            power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * lane
             out[b.cell_block] -= power
             kernels_2d.deposit(b.deep_cells, b.weight, power, out)
         h = T if b.capacity_gradient is None else T * self.stretch
@@ -173,7 +183,8 @@ class Slab(Plane):
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedSlab:
         """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
-        own = np.bincount(slopes.cell // n, slopes.own, mesh.n_plane)
+        diagonal = slopes.diagonal(b.cell_road)
+        own = np.bincount(diagonal[0] // n, diagonal[1], mesh.n_plane)
         up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.down))
         kf, stretch = (a if (a != 1.0).any() else b.ones for a in (kf, stretch))  # what is off leaves no trace
         even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
@@ -185,18 +196,19 @@ class Slab(Plane):
         inside = mesh.level[cells // n] >= mesh.n_road
         return LinearisedSlab(
             self, gamma, self.conductances(kf), carry, stretch, slopes, factors,
-            self._crossing(gamma, slopes, own, factors),
+            self._crossing(gamma, slopes, diagonal, own, factors),
             arrives=(cells, weights),
             holds=(b.capacity * even)[mesh.block].sum() - gamma * weights[inside].sum(),
         )  # fmt: skip
 
-    def _crossing(self, gamma: float, slopes: Slopes, own, factors: Factors) -> Crossing:
+    def _crossing(self, gamma: float, slopes: Slopes, diagonal, own, factors: Factors) -> Crossing:
         """Each plane's own interface; slopes come with its share of the width: its own matrix has more by that."""
         mesh, n = self.b.scene.mesh, self.b.scene.mesh.n_across
         up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.down))
-        place = self.face[slopes.cell // n]
+        cell, slope = diagonal
+        place = self.face[cell // n]
         at = place >= 0
-        local = np.bincount(place[at] * n + slopes.cell[at] % n, slopes.own[at], len(self.faces) * n)
+        local = np.bincount(place[at] * n + cell[at] % n, slope[at], len(self.faces) * n)
         local = local.reshape(-1, n) / mesh.share
         pivot = 1.0 / (1.0 / factors.inv[self.faces][:, None] - gamma * (local - own[self.faces][:, None]))
         return Crossing(up, down, pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :])

@@ -3,7 +3,7 @@
 Unknown per depth line is the flux J_R into the rubber per spot area; everything else follows.
 With T_m the rubber temperature inside the spots (theory 1.4 eqs. (9)-(12)):
     T_m = T_0 + A J_R + c q,          A = phi h_R + R_flash,         c q = flash of the volumetric part
-    J_R = g [(chi r + f h_S) q_a - (T_0 - T_road) - c q],      g = 1/(A + f h_S + r)
+    J_R = g [(chi r + h_S) q_a - (T_0 - T_lane) - c q],        g = 1/(A + h_S + r)
 and q = m mu(T_m), m = p v/phi, closes it: one scalar equation per line, solved by Newton.  Of q the share F s(T_m) is
 released in depth (c = s(T_m) `deep`), the rest is q_a.
 Where spots are resolved A = h_R, and block and road are heated through what is covered at the moment.
@@ -27,7 +27,8 @@ class ContactState:
 
     `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
     `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
-    `lane` factor on the road rise, `split` chi, `inside` share F of the heat released in depth, `deep` flash of
+    `widen` (n_road,) share of a column's rise in each cell, deepest first, by which the lane's surface falls below it
+    as it widens, `split` chi, `inside` share F of the heat released in depth, `deep` flash of
     those deposits (m2 K/W).
     """
 
@@ -37,7 +38,7 @@ class ContactState:
     pressure: np.ndarray
     r: np.ndarray
     flash: np.ndarray
-    lane: np.ndarray
+    widen: np.ndarray
     split: float
     inside: float
     deep: np.ndarray
@@ -59,7 +60,7 @@ class Fluxes(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives with respect to the block's (0) and the road's (1) first cell temperature."""
+    """Derivatives with respect to the block's (0) first cell temperature and the lane's (1)."""
 
     block: tuple[np.ndarray, np.ndarray]  # of J_R
     road: tuple[np.ndarray, np.ndarray]  # of J_S
@@ -69,19 +70,18 @@ class Slopes(NamedTuple):
     mu: tuple[np.ndarray, np.ndarray]
 
 
-def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, parted, guess=None, slopes=False):
+def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, guess=None, slopes=False):
     """Fluxes, and with `slopes` their derivatives, else None, for first-cell temperatures T0, Ts in K (lines,).
 
-    `under` K is the temperature of the entering road, `half_block`, `half_road` half-cell
-    resistances m2 K/W, `friction(T, face, apart)` the friction coefficient at the temperatures in the spots and of the
-    block's face around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes
-    in these temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
+    `Ts` is that of the lane (`ContactState.widen`), `half_block`, `half_road` are half-cell resistances m2 K/W,
+    `friction(T, face, apart)` is the friction coefficient at the temperatures in the spots and of the block's face
+    around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
+    temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
     A = state.half * half_block + state.flash
-    fh = state.lane * half_road
-    g = 1.0 / (A + fh + state.r)
-    drop = T0 - under - state.lane * (Ts - under)
-    way = state.split * state.r + fh
+    g = 1.0 / (A + half_road + state.r)
+    drop = T0 - Ts
+    way = state.split * state.r + half_road
     a, b = T0 - A * g * drop, A * g * way
     turn = ((1.0 - A * g) * state.deep - b * state.inside) / b  # heat in depth over heat at the face, less 1
 
@@ -102,8 +102,7 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
     deep = state.inside * s * q
     J = g * (way * (q - deep) - state.deep * s * q - drop)
     S = q - deep - J
-    lane = under + state.lane * (Ts - under + half_road * S)
-    out = Fluxes(J, S, q, deep, mu, T, lane)
+    out = Fluxes(J, S, q, deep, mu, T, Ts + half_road * S)
     if not slopes:
         return out, None
 
@@ -116,12 +115,12 @@ def solve(state: ContactState, T0, Ts, under, half_block, half_road, friction, p
         return law(T, T0 + 1j * STEP, True).imag / STEP
 
     rise = 1.0 / (1.0 - gain * own)
-    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g * state.lane)
+    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g)
     dmu, ds = (along(friction, own), (0.0, 0.0)) if parted is None else (along(friction), along(parted))
     dq = tuple(state.m * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
     face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
-    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
+    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -1.0), strict=True))
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
     return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), dT, dmu)
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
+from flashtemp.meshes.mesh import centres
 from flashtemp.model.laws import STEP, laws_mean
 from flashtemp.solver import contact_flux, kernels_2d
 from flashtemp.solver.balance import Balance
@@ -122,12 +123,12 @@ class Interface:
     # --- contact laws --------------------------------------------------------------------------
     def _recall(self, now) -> None:
         """Keep of `recent` what still holds."""
-        mesh, D = self.b.scene.mesh, self.b.scene.spot_diameter
+        D = self.b.scene.spot_diameter
         if self.b.laws.restless or len(now.history.value) > 1:
             self.recent.forget((now.t,))
-        else:  # nothing changes once spots and lanes have crossed the block
-            age = min(now.contact_time - now.waited, mesh.x[mesh.last] / now.last_speed)
-            self.recent.forget((now.pressure, now.touching, min(now.slid, D), age, now.waited))
+        else:  # nothing changes once a spot has passed over the rubber
+            passed = min(now.slid, D), min(now.contact_time - now.waited, D / now.last_speed)
+            self.recent.forget((now.pressure, now.touching, *passed, now.waited))
 
     def state(self, now, local) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa."""
@@ -142,13 +143,13 @@ class Interface:
             covered = phi @ mesh.column_area / mesh.column_area.sum()
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
             recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
-        covered, flash, deep, lane = recent.spread
+        covered, flash, deep, widen = recent.spread
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
         state = contact_flux.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, lane=lane, split=split, inside=self.b.inside, deep=deep,
+            flash=flash, widen=widen, split=split, inside=self.b.inside, deep=deep,
             block=phi, road=1.0, half=phi,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
@@ -170,27 +171,51 @@ class Interface:
             covered=state.covered + w * (1.0 - state.covered),
             flash=(1.0 - w) * state.flash,
             deep=(1.0 - w) * state.deep,
-            lane=1.0 - (1.0 - w) * (1.0 - state.lane),
+            widen=(1.0 - w) * state.widen,
             block=state.block + w * (cover - state.block),
             road=1.0 + w * (cover - 1.0),
             half=state.half + w * (1.0 - state.half),
         )
 
     def _spread(self, now):
-        """Flash resistances of surface and depth, and the factor on the lanes' rise: these see phi only."""
+        """Flash resistances of surface and depth, and how lanes widen: these see phi only."""
         laws, one = self.b.laws, np.ones(len(now.x))
         flash = laws("contact.flash_resistance", 0.0, None, now) * one
         deep = 0.0 * one
         if flash.any():
             for d in self.b.volumetric:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
-        return flash, deep, laws("road.lane_rise", 1.0, None, now) * one
+        return flash, deep, self._fall(now, self.b.scene.mesh.depth)
 
-    def lanes(self, state, now) -> np.ndarray:
-        """Factor on the rise of the lanes (n_lines,), also before and behind the block."""
-        mesh = self.b.scene.mesh
-        every = self.at(state, now)._replace(x=mesh.x_centre)
-        return self.b.laws("road.lane_rise", 1.0, None, every) * np.ones(mesh.n_lines)
+    def _fall(self, now, edges) -> np.ndarray:
+        """Weights (..., n_road) of the cells, deepest first, between distances `edges` (..., n_road + 1) m."""
+        overlap = self.b.laws("road.lane_overlap", 1.0, None, now, edges) * np.ones(edges.shape)
+        return (overlap[..., :-1] - overlap[..., 1:])[..., ::-1]
+
+    def fall_at_depth(self, state, now) -> np.ndarray:
+        """Weights (n_road, n_road) of a column's rises by which the lane lies below them at every depth.
+
+        At the surface they are `ContactState.widen`: heat at a depth z has come from there by sqrt(z^2 + r^2).
+        """
+        mesh, at = self.b.scene.mesh, self.at(state, now)
+        z = centres(mesh.depth)[::-1, None]
+        apart = np.sqrt(np.maximum(mesh.depth**2 - z**2, 0.0))
+        return (1.0 - self.b.laws("contact.resolved", 0.0, None, now)) * self._fall(at, apart)
+
+    def fallen(self, widen, T, T_in=None) -> np.ndarray | float:
+        """By how much (columns,) K the surface of a lane lies below its column, `widen` as in `ContactState`.
+
+        `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
+        """
+        if not widen.any():
+            return 0.0
+        b, mesh = self.b, self.b.scene.mesh
+        T_in = b.no_inflow if T_in is None else T_in
+        shape = mesh.last - mesh.first, mesh.n_across
+        out = np.zeros(shape, dtype=np.result_type(widen, T, T_in))
+        start = mesh.start[mesh.first : mesh.last]
+        kernels_2d.fall(start, widen, mesh.planes(T), T_in.reshape(mesh.n_road, -1), out)
+        return out.ravel()
 
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
@@ -205,7 +230,7 @@ class Interface:
 
         See `contact_flux.solve`.
         """
-        b, laws, mesh, ambient = self.b, self.b.laws, self.b.scene.mesh, self.b.scene.ambient
+        b, laws, ambient = self.b, self.b.laws, self.b.scene.ambient
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
@@ -222,8 +247,7 @@ class Interface:
         return contact_flux.solve(
             state,
             T[b.cell_block] + ambient,
-            T[b.cell_road] + ambient,
-            np.tile(T_in[-mesh.n_across :], mesh.last - mesh.first) + ambient,
+            T[b.cell_road] - self.fallen(state.widen, T, T_in) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
             law("friction.mu", 0.0),
@@ -275,7 +299,7 @@ class AbrasionCoupling:
 
     Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `books` of
     friction, heat into the road and into its lanes (W/m), `abrasion` of its rate; `warm` slopes of that rate with the
-    temperatures of block and road.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
+    temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
     """
 
     b: Balance
@@ -292,7 +316,7 @@ class AbrasionCoupling:
         return self.response(worn * self.b.worn_unit)
 
     def heated(self, block: np.ndarray, road: np.ndarray) -> np.ndarray:
-        """Change of the abrasion rate by changes of the first cells' temperatures (columns,) K."""
+        """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""
         return self.warm[0] * block + self.warm[1] * road
 
     def add(self, dp: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:

@@ -245,16 +245,32 @@ def sweep(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high,
 
 
 @njit(cache=True)
-def add_slopes(cell, slope, road, block, up, down, v, rate):
+def fall(start, widen, T, T_in, out):
+    """Add to `out` (lines, planes) the sum of `widen` (m,) times the rises of lines of road over the entering road.
+
+    `start` (lines,) their deepest cells; `T` (n_plane, planes), `T_in` (m, planes).
+    """
+    low = 0
+    while widen[low] == 0.0:
+        low += 1
+    for i in range(len(start)):
+        for k in range(low, len(widen)):
+            for j in range(out.shape[1]):
+                out[i, j] += widen[k] * (T[start[i] + k, j] - T_in[k, j])
+
+
+@njit(cache=True)
+def add_slopes(cell, slope, road, block, own, up, down, v, lane, rate):
     """Add the linearised boundary and contact laws to `rate`: on the diagonal at `cell`, and across the interface.
 
-    `road`, `block` (columns,) are the cells on both sides of the interface, `up`, `down` their slopes.
+    `road`, `block` (columns,) are the cells on both sides of the interface, `own`, `down` the slopes of their heat
+    with the `lane` (columns,), `up` that of the road's heat with the block.
     """
     for i in range(len(cell)):
         rate[cell[i]] += slope[i] * v[cell[i]]
     for i in range(len(road)):
-        rate[road[i]] += up[i] * v[block[i]]
-        rate[block[i]] += down[i] * v[road[i]]
+        rate[road[i]] += up[i] * v[block[i]] + own[i] * lane[i]
+        rate[block[i]] += down[i] * lane[i]
 
 
 @njit(cache=True)

@@ -135,8 +135,10 @@ def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> s
 
 
 def restart(balance: Balance, before: Any, now: Progress) -> None:
-    """The road at a new start: spread sideways where the block rested on it, else forgotten or carried."""
+    """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
     scene, mesh = balance.scene, balance.scene.mesh
+    if not scene.schedule.lifted:
+        return
     y = now.y.copy()
     old = balance.stored(y)
     system = System(balance, before, inflow(scene, before, now.track))
@@ -144,10 +146,7 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     rise = balance.rise(y[: balance.n])
     road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
     fresh = entering + 0.0 * road
-    if not scene.schedule.lifted:
-        spread = system.interface.lanes(system.contact(moment, y).state, moment)
-        fresh += spread[:, None, None] * (road - entering)
-    elif now.track is not None:
+    if now.track is not None:
         share = system.contact(moment, y).state.covered
         mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
         fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))

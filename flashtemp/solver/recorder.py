@@ -89,7 +89,7 @@ def _mean_friction(system: System, contact: Contact) -> float:
 
 def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> dict[str, np.ndarray]:
     """Block surface, spots and road lanes (columns,) in degC."""
-    b, mesh = system.b, system.b.scene.mesh
+    b = system.b
     state, flux = contact.state, contact.flux
     C0 = b.scene.ambient - KELVIN
     if moment.t == 0.0:  # the initial state, before any heat
@@ -101,8 +101,7 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.at(state, moment), T, kf)
         spot = surface + C0
-        below = np.tile(entering[-mesh.n_across :], mesh.last - mesh.first)
-        lane = below + state.lane * (T[b.cell_road] - below) + C0
+        lane = T[b.cell_road] - system.interface.fallen(state.widen, T, entering) + C0
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
@@ -123,9 +122,9 @@ def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
 def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
     """Temperatures (cells,) in degC, those of the road as lane means."""
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
-    cells, lanes = T + C0, system.interface.lanes(contact.state, moment)[:, None, None]
-    fresh = entering.reshape(mesh.n_road, -1)
-    mesh.planes(cells)[mesh.road] = C0 + fresh + lanes * (mesh.planes(T)[mesh.road] - fresh)
+    cells, excess = T + C0, mesh.planes(T)[mesh.road] - entering.reshape(mesh.n_road, -1)
+    fallen = np.einsum("jk,ikp->ijp", system.interface.fall_at_depth(contact.state, moment), excess)
+    mesh.planes(cells)[mesh.road] -= fallen
     return cells
 
 

@@ -113,7 +113,7 @@ class System:
         stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
         contact = self.interface.contact(now, b.worn_depth(y), T, T_in, kf, slopes=True)
         at_walls = b.boundary.slopes(self.interface.at(contact.state, now), T, kf)
-        slopes, rows = _contact_slopes(b, contact, at_walls)
+        slopes, rows, books = _contact_slopes(b, contact, at_walls)
         for row in _leaving_slopes(b, carry, stretch):
             rows["lane_out"].append(row)
         joined: conduction.Rows = {
@@ -123,31 +123,36 @@ class System:
         }
         worn = b.abrades and contact.slopes is not None
         return Linearised(
-            b, gamma, stretch, joined,
+            b, gamma, stretch, joined, self.interface, np.real(contact.state.widen), books,
             self.solid.linearised(gamma, kf, carry, stretch, slopes, joined),
             self.interface.abrasion_coupling(contact, now, T, T_in, kf, gamma) if worn else None,
         )  # fmt: skip
 
 
-def _contact_slopes(b: Balance, contact: Contact, at_walls) -> tuple[conduction.Slopes, dict[str, list]]:
-    """Slopes of all heat of walls and contact with temperature, and how the ledger follows the cells."""
+def _contact_slopes(b: Balance, contact: Contact, at_walls):
+    """Slopes of all heat of walls and contact with temperature; how the ledger follows the cells, and how the lanes.
+
+    Lanes are among the cells as if they kept their width.
+    """
     own = [(cells, slope) for _, cells, slope in at_walls]
     rows: dict[str, list] = {name: [] for name in b.ledger}
     for name, cells, slope in at_walls:
         rows[name].append((cells, slope))
     state, d, area = contact.state, contact.slopes, b.scene.mesh.column_area
-    deposits, up, down = None, np.zeros(len(b.cell_block)), np.zeros(len(b.cell_block))
+    none = np.zeros(len(b.cell_block))
+    deposits, along, up, down, books = None, none, none, none, {}
     if d is not None:
         face, lane = state.block * area, state.road * area
         if len(b.weight) and np.any(d.deep):
             deposits = face * d.deep[0], face * d.deep[1]
-        own += [(b.cell_block, face * (d.block[0] + d.deep[0])), (b.cell_road, lane * d.road[1])]
-        up, down = lane * d.road[0], face * (d.block[1] + d.deep[1])
+        own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
+        along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
         for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road), ("lane_in", lane, d.road)):
-            rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, w * slopes[1])]
+            books[name] = w * slopes[1]
+            rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, books[name])]
     cell = np.concatenate([np.empty(0, dtype=np.int64), *(cells for cells, _ in own)])
     slope = np.concatenate([np.empty(0), *(slope for _, slope in own)])
-    return conduction.Slopes(cell, slope, up, down, deposits), rows
+    return conduction.Slopes(cell, slope, along, up, down, deposits), rows, books
 
 
 def _leaving_slopes(b: Balance, carry, stretch) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -166,13 +171,17 @@ def _leaving_slopes(b: Balance, carry, stretch) -> list[tuple[np.ndarray, np.nda
 class Linearised:
     """A system linearised at one instant: J v, and the preconditioner's P^-1 r for P = I - gamma J.
 
-    `stretch` dh/dT (cells,); `rows` {entry of the ledger: (cells, slopes in W/(m K))}.
+    `stretch` dh/dT (cells,); `rows` {entry of the ledger: (cells, slopes in W/(m K))}, of them `books` {entry: slopes
+    (columns,) with the lanes}; `widen` as in `ContactState`.
     """
 
     b: Balance
     gamma: float
     stretch: np.ndarray
     rows: conduction.Rows
+    interface: Interface
+    widen: np.ndarray
+    books: dict[str, np.ndarray]
     solid: conduction.LinearisedPlane
     coupling: AbrasionCoupling | None
 
@@ -185,12 +194,16 @@ class Linearised:
         h = v[:n]
         T = h if b.capacity_gradient is None else h / self.stretch
         out[n:] = 0.0
-        self.solid.product(T, out[:n])
+        fallen = self.interface.fallen(self.widen, T)
+        lane = T[b.cell_road] - fallen
+        self.solid.product(T, lane, out[:n])
         for name, (index, weight) in self.rows.items():
             out[b.entry[name]] = weight @ T[index]
+        for name, slope in self.books.items():
+            out[b.entry[name]] -= (slope * fallen).sum()
         if self.coupling is not None:
             w = self.coupling
-            out[b.worn] = w.heated(T[b.cell_block], T[b.cell_road])
+            out[b.worn] = w.heated(T[b.cell_block], lane)
             w.add(w.pressure(v[b.worn]), out)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:

@@ -95,7 +95,7 @@ def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespa
         for balance, system, t, y, _ in states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
             system.rate(t, y, out)
-            system.interface.lanes(system.contact(system.moment(t), y).state, system.moment(t))
+            system.interface.fall_at_depth(system.contact(system.moment(t), y).state, system.moment(t))
             for q in note.questions:
                 kept.setdefault((q.number, shape, system.phase.sliding), q)
             note.questions.clear()

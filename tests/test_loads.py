@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from flashtemp.__main__ import main
 from flashtemp.model.build import theory_of
 from flashtemp.model.case import load
-from flashtemp.runs.load_dependence import HEATING, NAMES, Asked, Loads, attribute, friction_of
+from flashtemp.runs.load_dependence import HEATING, NAMES, Loads, attribute, friction_of, subsets
 from flashtemp.solver.march import march
 from flashtemp.viz import loads as picture
 
@@ -61,29 +65,63 @@ def test_adhesion_and_skewness_enlarge_the_contact(found):
     assert skewed(0.1, 293.15, 1e5).viscous < bare(0.1, 293.15, 1e5).viscous  # C5
 
 
-def made(found, every, own, acting=NAMES) -> Loads:
-    """An attribution of one speed whose processes change friction by known factors."""
-    beside = {n: every / own[n] if n in acting else every * own[n] for n in NAMES}
-    flat = np.ones((1, 2))
-    return Loads("made", found.pressure, np.array([1.0]), acting, {}, flat, every, own, beside, every, "fixed")
+def made(found, value, acting=NAMES) -> Loads:
+    """An attribution of one speed and two loads; value(some) is the change of ln mu by some processes."""
+    every = {some: np.exp(np.array([[0.0, value(some)]])) for some in subsets(NAMES)}
+    return Loads("made", found.pressure, np.array([1.0]), acting, {}, every, np.ones((1, 2)), "fixed")
 
 
 def test_shares_add_up_where_processes_do_not_meet(found):
     """Two processes whose changes multiply: shares are their own changes, and their sum is the whole."""
-    own = {n: np.array([[1.0, f]]) for n, f in zip(NAMES, (1.0, 1.1, 1.0, 1.0, 0.8), strict=True)}
-    both = made(found, np.array([[1.0, 1.1 * 0.8]]), own)
+    own = {"softening": np.log(1.1), HEATING: np.log(0.8)}
+    both = made(found, lambda some: sum(own.get(n, 0.0) for n in some))
     shares = both.shares()
     assert shares["softening"] == pytest.approx(np.log(1.1))
     assert shares[HEATING] == pytest.approx(np.log(0.8))
-    assert sum(s[0] for s in shares.values()) == pytest.approx(np.log(0.88))
     assert both.leading == HEATING
     assert sum(s[:, 0] for s in both.local().values()) == pytest.approx(np.log(0.88))
+    assert max(abs(m[0]) for m in both.together().values()) < 1e-14
+    assert "only together" not in str(both)
+
+
+def test_what_two_do_only_together_is_shared_by_them_and_told_apart(found):
+    """Softening alone changes nothing with load, but heat meets it: half of that is its share, and it is said."""
+
+    def value(some):
+        return -0.2 * (HEATING in some) + 0.04 * (HEATING in some and "softening" in some)
+
+    one = made(found, value)
+    assert one.own()["softening"] == pytest.approx(0.0, abs=1e-14)
+    assert one.shares()["softening"] == pytest.approx(0.02)
+    assert one.shares()[HEATING] == pytest.approx(-0.18)
+    assert one.together()["softening", HEATING] == pytest.approx(0.04)
+    assert "softening +2.0 % (alone +0.0 %)" in str(one)
+    assert "only together: softening with heating +4.1 %" in str(one)
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=31, max_size=31))
+def test_shares_are_the_mean_over_all_orders(values):
+    """Shapley's value by its own definition: what a process adds, over the 120 orders; the sum is the whole."""
+    value = dict(zip(subsets(NAMES), [0.0, *values], strict=True))
+    shares = made(SimpleNamespace(pressure=np.array([1e5, 3e5])), value.__getitem__).shares()
+    orders = list(itertools.permutations(NAMES))
+    for n in NAMES:
+        added = 0.0
+        for order in orders:
+            before = tuple(m for m in NAMES if m in order[: order.index(n)])
+            with_it = tuple(m for m in NAMES if m in before or m == n)
+            added += value[with_it] - value[before]
+        assert shares[n] == pytest.approx(added / len(orders), abs=1e-12)
+    assert sum(shares.values()) == pytest.approx(value[NAMES], abs=1e-12)
 
 
 def test_what_the_case_does_not_have_never_leads(found):
     """Softening by a typical value would change more than heating does: said, but not the answer."""
-    own = {n: np.array([[1.0, f]]) for n, f in zip(NAMES, (1.0, 1.5, 1.0, 1.0, 0.9), strict=True)}
-    one = made(found, np.array([[1.0, 0.9]]), own, ("saturation", HEATING))
+    one = made(
+        found,
+        lambda some: np.log(1.5) * ("softening" in some) + np.log(0.9) * (HEATING in some),
+        ("saturation", HEATING),
+    )
     one.values.update(softening=0.4, skewness=0.8, adhesion=0.05)
     assert one.leading == HEATING
     assert one.shares()["softening"] == pytest.approx(np.log(1.5))
@@ -91,7 +129,7 @@ def test_what_the_case_does_not_have_never_leads(found):
 
 
 def test_nothing_is_an_answer(found):
-    flat = made(found, np.full((1, 2), 0.7), dict.fromkeys(NAMES, np.ones((1, 2))))
+    flat = made(found, lambda some: 0.0)
     assert flat.leading is None
     assert "Nothing makes friction depend on the load" in str(flat)
 
@@ -111,7 +149,7 @@ def test_all_laws_of_friction_count_with_heat_and_without():
     theory = theory_of(load(CASE))[1].p.theory
     given = {"persson_friction.weight": 0.5, "friction.mu": 0.9, "ambient.temperature": 60.0}
     case = load(CASE, COARSE | given | {"effects": ["persson_friction", "friction_softening"]})
-    mu = friction_of(Asked(case, cold=True))
+    mu = friction_of(case, cold=True)
     expected = 0.9 * (0.5 + 0.5 * float(theory(0.5, 333.15, 1.5e5).mu)) * np.exp(-0.006 * 40)
     assert mu == pytest.approx(expected, rel=5e-3)  # the table stands for the theory
 
@@ -150,9 +188,6 @@ def test_bad_input(args, says, capsys, tmp_path):
 
 
 def test_picture_of_one_speed_and_many(found):
-    one = replace(
-        found, speed=found.speed[:1], none=found.none[:1], every=found.every[:1], other=found.other[:1],
-        alone={n: v[:1] for n, v in found.alone.items()}, beside={n: v[:1] for n, v in found.beside.items()},
-    )  # fmt: skip
+    one = replace(found, speed=found.speed[:1], mu={n: v[:1] for n, v in found.mu.items()}, other=found.other[:1])
     assert len(picture.draw(one).subfigs[0].axes) == 1
     assert len(picture.draw(found).subfigs[0].axes) == 2

@@ -37,7 +37,7 @@ def draw(found) -> Figure:
     bars, steps = lower.subplots(1, 2, width_ratios=[1.5, 1.0])
     _bars(bars, found)
     _steps(steps, found)
-    if len(found.acting) < len(found.alone):
+    if len(found.acting) < len(COLOURS):
         words = "Dotted and hollow: not in the case, tried with typical values."
         lower.supxlabel(words, x=0.01, ha="left", fontsize=7.0)
     return fig

@@ -1,8 +1,10 @@
-"""Which process makes friction depend on the load?  Each switched on alone, and off while the others act.
+"""Which process makes friction depend on the load?  Every set of them acts in turn, and shares are Shapley's.
 
 Five candidates (the source paper's question): saturation of the contact, non-linear viscoelasticity, skewness of the
 roughness, adhesion that enlarges the contact, and frictional heating.  The first four act on the theory of friction,
-heating on the temperatures that the solver finds.
+heating on the temperatures that the solver finds.  What a set changes in ln mu is v(S); m(S) is what only all of S
+together add to it (Harsanyi's dividend), and each takes an equal part of that: Shapley's value, the mean of what a
+process adds over all orders in which the processes may come.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ from flashtemp.solver.march import march
 from flashtemp.solver.system import System
 
 NOTHING = 0.01  # change of friction over the loads below which nothing needs a cause
+SMALL, MOST = 1e-3, 3  # what processes change only together is told from this change on, the largest few
+QUIET = {"output.profiles": 2, "output.fields": 2}  # only the end counts
 PRESSURES, SPEEDS = (5e4, 1e5, 2e5, 3e5), (0.1, 0.5, 1.0)
 
 
@@ -55,17 +59,30 @@ NAMES = tuple(p.name for p in PROCESSES)
 
 @dataclass(frozen=True)
 class Asked:
-    """One point: a case, and whether heating is to be left out of it."""
+    """A case at some nominal pressures (Pa), and whether heating is to be left out of it."""
 
     case: cases.Case
+    pressures: tuple[float, ...]
     cold: bool
 
 
-def friction_of(asked: Asked) -> float:
-    """Load-weighted friction at the end of the last repetition; without heating all is at the ambient temperature."""
-    scene = asked.case.scene
-    if not asked.cold:
-        run = march(scene, asked.case.settings, asked.case.title)
+def frictions(asked: Asked) -> list[float]:
+    """Friction at each of the pressures: they share the theory's table.  Raises SolverFailure that names the point."""
+    found = []
+    for p in asked.pressures:
+        point = asked.case.with_values({"contact.pressure": p})
+        try:
+            found.append(friction_of(point, asked.cold))
+        except SolverFailure as fault:
+            raise SolverFailure(f"at {point['schedule.speed']:g} m/s, {p:g} Pa: {fault}") from fault
+    return found
+
+
+def friction_of(case: cases.Case, cold: bool) -> float:
+    """Load-weighted friction at the end of the last repetition; `cold`: all is at the ambient temperature."""
+    scene = case.scene
+    if not cold:
+        run = march(scene, case.settings, case.title)
         return float(run.friction[run.last])
     phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
     system = System(Balance(scene), phase)
@@ -77,46 +94,89 @@ def friction_of(asked: Asked) -> float:
     return float(mu @ load / load.sum())
 
 
+Names = tuple[str, ...]  # processes, in the order of NAMES
+
+
+def subsets(names: Names) -> list[Names]:
+    """All sets of some processes, the empty one first."""
+    return [some for n in range(len(names) + 1) for some in itertools.combinations(names, n)]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Loads(Shown):
     """mu over speeds (m/s) and nominal pressures (Pa): arrays (speeds, pressures) by what acts.
 
-    `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried with
-    typical values.  `every` is the case itself, `none` without any; `alone` {process: mu} with that process only,
-    `beside` {process: mu} what it is held against: for those that act the case without it, for the others the case with
-    it; `other` heating alone under the other law of the contact fraction, which is `law`.
+    `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried beside
+    them, one at a time, with typical values.  `mu` {processes: mu} of every set of them; `other` heating alone under
+    the other law of the contact fraction, which is `law`.
     """
 
     title: str
     pressure: np.ndarray
     speed: np.ndarray
-    acting: tuple[str, ...]
+    acting: Names
     values: dict[str, Any]
-    none: np.ndarray
-    every: np.ndarray
-    alone: dict[str, np.ndarray]
-    beside: dict[str, np.ndarray]
+    mu: dict[Names, np.ndarray]
     other: np.ndarray
     law: str
+
+    @property
+    def none(self) -> np.ndarray:
+        """mu without any of the processes."""
+        return self.mu[()]
+
+    @property
+    def every(self) -> np.ndarray:
+        """mu of the case itself."""
+        return self.mu[self.acting]
+
+    @property
+    def alone(self) -> dict[str, np.ndarray]:
+        """{process: mu} with that process only."""
+        return {n: self.mu[(n,)] for n in NAMES}
+
+    @property
+    def beside(self) -> dict[str, np.ndarray]:
+        """{process: mu} of the case without it, where it acts there, else of the case with it."""
+        return {n: self.mu[tuple(m for m in NAMES if (m in self.acting) != (m == n))] for n in NAMES}
 
     def change(self, mu: np.ndarray) -> np.ndarray:
         """Change of ln mu (speeds,) from the lowest to the highest load."""
         return np.log(mu[:, -1] / mu[:, 0])
 
     def shares(self) -> dict[str, np.ndarray]:
-        """What each process changes in ln mu (speeds,): mean of its effect alone and of its effect on the case."""
+        """Shapley's share of each process in the change of ln mu (speeds,).
+
+        Those of the case sum to its change, but for what `none` changes; one that it does not have shares in the case
+        with it.
+        """
         return self._shares(self.change)
 
     def local(self) -> dict[str, np.ndarray]:
         """The same (speeds, pressures - 1), from each load to the next."""
         return self._shares(lambda mu: np.diff(np.log(mu), axis=1))
 
+    def together(self) -> dict[Names, np.ndarray]:
+        """What only processes of the case together change in ln mu (speeds,), by sets of two and more."""
+        return {some: v for some, v in self._dividends(self.acting, self.change).items() if len(some) > 1}
+
+    def own(self) -> dict[str, np.ndarray]:
+        """What each process changes in ln mu (speeds,) when nothing else acts."""
+        return {n: self.change(mu) - self.change(self.none) for n, mu in self.alone.items()}
+
+    def _dividends(self, names: Names, change) -> dict[Names, np.ndarray]:
+        """{some: what only all of them together add} for all sets of `names`; the empty one's is what `none` changes."""
+        found: dict[Names, np.ndarray] = {}
+        for some in subsets(names):
+            found[some] = change(self.mu[some]) - sum(found[part] for part in subsets(some)[:-1])
+        return found
+
     def _shares(self, change) -> dict[str, np.ndarray]:
         out = {}
         for n in NAMES:
-            on_case = change(self.every) - change(self.beside[n])
-            own = change(self.alone[n]) - change(self.none)
-            out[n] = 0.5 * (own + (on_case if n in self.acting else -on_case))
+            players = tuple(m for m in NAMES if m in self.acting or m == n)
+            parts = self._dividends(players, change)
+            out[n] = sum(v / len(some) for some, v in parts.items() if n in some)
         return out
 
     @property
@@ -136,14 +196,15 @@ class Loads(Shown):
             "ln_change": self.change(self.every).tolist(),
             "ln_shares": {n: v.tolist() for n, v in self.shares().items()},
             "ln_shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
+            "ln_alone": {n: v.tolist() for n, v in self.own().items()},
+            "ln_together": {" + ".join(some): v.tolist() for some, v in self.together().items()},
             "words": {p.name: p.words for p in PROCESSES}, "mu": plain | sets,
         }  # fmt: skip
 
     def save(self, file: Path) -> None:
         """A CSV row per speed and pressure."""
         columns = {"case": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
-        columns |= {f"{n}_alone": v for n, v in self.alone.items()}
-        columns |= {f"case_{'without' if n in self.acting else 'with'}_{n}": v for n, v in self.beside.items()}
+        columns |= {f"only_{'_'.join(some)}": v for some, v in self.mu.items() if some and some != self.acting}
         with Path(file).open("w", newline="") as out:
             rows = csv.writer(out)
             rows.writerow(["speed_m_s", "pressure_Pa", *(f"mu_{name}" for name in columns)])
@@ -154,12 +215,15 @@ class Loads(Shown):
     def __str__(self) -> str:
         low, high = self.pressure[0] / 1e6, self.pressure[-1] / 1e6
         lines = [f"Friction over load '{self.title}', {low:g} to {high:g} MPa; contact fraction {self.law}"]
-        shares = self.shares()
+        shares, own = self.shares(), self.own()
         for i, v in enumerate(self.speed):
-            parts = ", ".join(f"{n} {_percent(shares[n][i])}" for n in self.acting)
-            rest = self.change(self.every)[i] - sum(shares[n][i] for n in self.acting)
+            parts = ", ".join(f"{n} {_percent(shares[n][i])} (alone {_percent(own[n][i])})" for n in self.acting)
             change = f"{self.every[i, 0]:.3f} -> {self.every[i, -1]:.3f} ({_percent(self.change(self.every)[i])})"
-            lines.append(f"  {v:g} m/s: mu {change}: {parts}; together {_percent(rest)} more")
+            lines.append(f"  {v:g} m/s: mu {change}: {parts}")
+            most = sorted(self.together().items(), key=lambda item: -abs(item[1][i]))
+            said = [f"{' with '.join(some)} {_percent(m[i])}" for some, m in most if abs(m[i]) >= SMALL][:MOST]
+            if said:
+                lines.append(f"    only together: {', '.join(said)}")
         if self.leading is None:
             lines.append(f"  Nothing makes friction depend on the load by {100 * NOTHING:g} % here.")
         else:
@@ -193,9 +257,9 @@ def attribute(
     case: cases.Case, pressures=PRESSURES, speeds=SPEEDS, workers: int | None = None,
     watch: Callable[[int, int], Any] = lambda done, total: None,
 ) -> Loads:  # fmt: skip
-    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every process alone, and the case without it.
+    """Simulate a case over pressures (Pa, rising) and speeds (m/s) with every set of its processes.
 
-    A process that the case does not have is tried with a typical value, alone and beside the case.
+    A process that the case does not have is tried with a typical value, in all sets with those of the case.
     Raises BadInput where the case has no theory of friction, SolverFailure where a run fails.
     """
     scene, effect = theory_of(case)
@@ -208,29 +272,25 @@ def attribute(
         keys = {f"{table}.{p.key}": on[p.name] if p.name in names else p.off for p in PROCESSES if p.key}
         return keys, HEATING in names
 
-    def beside(name: str) -> tuple[str, ...]:
-        return tuple(n for n in acting if n != name) if name in acting else (*acting, name)
-
-    sets = {"none": switched(()), "every": switched(acting)}
-    sets |= {f"alone {n}": switched((n,)) for n in NAMES} | {f"beside {n}": switched(beside(n)) for n in NAMES}
-    sets["other"] = switched((HEATING,))[0] | _other_law(case, scene, effect), True
-    asked = []
-    for overrides, heated in sets.values():
-        for v in speeds:
-            for p in pressures:
-                point = case.with_values(overrides | {"schedule.speed": float(v), "contact.pressure": float(p)})
-                asked.append(Asked(point, not heated))
-    found = np.empty(len(asked))
-    for done, (k, answer) in enumerate(stream(friction_of, asked, workers), 1):
+    players = [acting, *(tuple(m for m in NAMES if m in acting or m == n) for n in NAMES if n not in acting)]
+    wanted = {some: switched(some) for names in players for some in subsets(names)}
+    other = switched((HEATING,))[0] | _other_law(case, scene, effect), True
+    loads = tuple(float(p) for p in pressures)
+    asked = [
+        Asked(case.with_values(overrides | QUIET | {"schedule.speed": float(v)}), loads, not heated)
+        for overrides, heated in (*wanted.values(), other)
+        for v in speeds
+    ]
+    found = np.empty((len(asked), len(loads)))
+    for done, (k, answer) in enumerate(stream(frictions, asked, workers), 1):
         if isinstance(answer, FlashtempError):
-            at = asked[k].case
-            raise SolverFailure(f"at {at['schedule.speed']:g} m/s, {at['contact.pressure']:g} Pa: {answer}")
+            raise answer
         found[k] = answer
         watch(done, len(asked))
-    mu = dict(zip(sets, found.reshape(len(sets), len(speeds), len(pressures)), strict=True))
+    tables = found.reshape(-1, len(speeds), len(pressures))
+    mu = dict(zip(wanted, tables, strict=False))
     return Loads(
-        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), acting, on, mu["none"],
-        mu["every"], {n: mu[f"alone {n}"] for n in NAMES}, {n: mu[f"beside {n}"] for n in NAMES}, mu["other"],
+        case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), acting, on, mu, tables[-1],
         _law(case, effect),
     )  # fmt: skip
 

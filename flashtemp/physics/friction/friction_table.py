@@ -26,7 +26,10 @@ from flashtemp.physics.quantities import KELVIN
 FILE = "friction.nc"
 EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
 BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
-PRESSURES, REACH = 7, 12.0  # nodes, from the mean nominal pressure over REACH to REACH times it
+PRESSURES, REACH = (
+    10,
+    38.0,
+)  # nodes, from the power of ten next to the mean nominal pressure over REACH to REACH times it
 PER_DECADE = 8  # of speed, where it varies
 COARSE = 3e-3  # error of a table, over its largest mu, that is worth a word
 LIGHT = 1.0  # Pa: below, friction is that at this pressure
@@ -210,8 +213,10 @@ def tabulate(
     """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
 
     Temperatures reach from a little below `ambient` (K) to far above; heat deeper than `shallow` (m) is in depth.
-    A table of the same theory in `folder` is taken from there.  Raises BadInput where friction is no number.
+    Loads of one decade share a table.  One of the same theory in `folder` is taken from there.  Raises BadInput where
+    friction is no number.
     """
+    p = 10.0 ** round(np.log10(p))
     return _tabulated(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
 
 

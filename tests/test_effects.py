@@ -25,8 +25,15 @@ NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0
 TRIALS = {n: Trial(n, e, NEEDS.get(n, {})) for n, e in catalogue().items()}
 HEATING = [n for n in OPTIONAL if TRIALS[n].heats]  # the others act on the picture only
 WITH = {"wear": ("edge_pressure",), "evaporation": ("track_memory",)}
-EACH = pytest.mark.parametrize("name", ["", *HEATING], ids=["base", *HEATING])
 IN_EVERY_SHAPE = pytest.mark.parametrize("shape", SHAPES)
+EACH_IN_EVERY_SHAPE = pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        pytest.param(n, s, id=f"{n or 'base'}-{s}", marks=[pytest.mark.long] if n and s != "lifted" else [])
+        for n in ("", *HEATING)
+        for s in SHAPES
+    ],
+)
 
 
 @pytest.fixture(scope="session")
@@ -101,8 +108,7 @@ def test_laws_are_sound(bench, name):
     check_findings(*laws.asked(bench, TRIALS[name]))
 
 
-@IN_EVERY_SHAPE
-@EACH
+@EACH_IN_EVERY_SHAPE
 def test_jacobian_is_exact(bench, name, shape):
     check_findings(balance.jacobian(bench, TRIALS.get(name), shape))
 
@@ -124,8 +130,7 @@ def test_jacobian_is_exact_where_effects_meet(bench, names):
         np.testing.assert_allclose(J[part], by[part], rtol=1e-6, atol=1e-8 * np.abs(J[part]).max())
 
 
-@IN_EVERY_SHAPE
-@EACH
+@EACH_IN_EVERY_SHAPE
 def test_linearisation_used_by_the_solver(bench, name, shape):
     """`times` is J v, but for the slope of k(T): that by little."""
     check_findings(balance.linearisation(bench, TRIALS.get(name), shape))
@@ -141,8 +146,7 @@ def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench):
             assert np.linalg.norm((out - J)[part]) <= 1e-10 * np.linalg.norm(J[part])
 
 
-@IN_EVERY_SHAPE
-@EACH
+@EACH_IN_EVERY_SHAPE
 def test_every_linear_step_conserves_heat(bench, name, shape):
     """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
     check_findings(balance.conservation(bench, TRIALS.get(name), shape))
@@ -155,7 +159,8 @@ def test_energy_audit(bench, name):
     check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))
 
 
-@pytest.mark.parametrize("shape", [s if s == "lifted" else pytest.param(s, marks=pytest.mark.long) for s in SHAPES])
+@pytest.mark.long
+@IN_EVERY_SHAPE
 def test_energy_audit_of_all_effects_together(bench, shape):
     values = RICH | SHAPES[shape] | {"friction.volumetric_share": 0.0}
     every = {k: v for need in NEEDS.values() for k, v in need.items()}

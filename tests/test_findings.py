@@ -364,7 +364,14 @@ def render(fig):
     return fig
 
 
-@pytest.mark.parametrize(("kind", "count"), [("named", 1), ("named", 6), ("weak", 2), ("group", 3), ("none_needed", 2)])
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        ("named", 6),
+        ("group", 3),
+        *(pytest.param(*v, marks=pytest.mark.long) for v in (("named", 1), ("weak", 2), ("none_needed", 2))),
+    ],
+)
 def test_no_text_leaves_a_picture(kind, count):
     for name, fig in discovery.figures(verdict(kind, count)).items():
         render(fig)

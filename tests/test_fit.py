@@ -116,7 +116,7 @@ def test_predictions_at_the_best_point_leave_noise(two):
         assert np.mean(left**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / block.count)), block.label
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", [pytest.param(1.0, marks=pytest.mark.long), -1.0])
 def test_a_far_start_ends_at_the_same_place(two, sign):
     best = two.base
     start = Model({k: sign * v for k, v in AWAY.items()})
@@ -197,6 +197,7 @@ def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect, start):
     assert descent.fit.ln_evidence == pytest.approx(perfect.base.ln_evidence, abs=0.5)
 
 
+@pytest.mark.long
 def test_a_shape_stays_within_its_bounds(resistive):
     """Share and depth of heat released in the rubber: neither acts in this truth."""
     descent, seen = fitted(resistive, "heat_depth", {"share": 0.9, "depth": 4e-3})

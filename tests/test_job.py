@@ -291,6 +291,7 @@ def test_later_commands_answer_help_and_say_so(command, capsys):
     assert len(shown.err.strip().splitlines()) == 1
 
 
+@pytest.mark.long
 def test_converge_reports_second_order(folder, capsys):
     args = ["schedule.speed=0.1", "schedule.distance=0.2", "numerics.rtol=1e-5"]
     assert main(["converge", str(folder), *args, "--json"]) == 0

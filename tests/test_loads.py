@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from flashtemp.__main__ import main
 from flashtemp.model.build import theory_of
 from flashtemp.model.case import load
+from flashtemp.physics.friction import friction_table
 from flashtemp.runs.load_dependence import HEATING, NAMES, Loads, attribute, friction_of, subsets
 from flashtemp.solver.march import march
 from flashtemp.viz import loads as picture
@@ -29,6 +30,14 @@ COARSE = {
     "output.profiles": 2,
     "output.fields": 2,
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_tables():
+    """Tables of friction that take a sixth of the time: these tests are about who changes what, not about digits."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(friction_table, "NODES", 16)
+        yield
 
 
 @pytest.fixture(scope="module")

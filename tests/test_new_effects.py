@@ -35,6 +35,7 @@ SWITCH = {
     "radiation": "emissivity",
     "third_body": "growth",
 }
+QUICK = ("evaporation", "internal_heat", "pressure_crown", "third_body")  # the others are `long`
 
 
 def acting(name, **values):
@@ -64,7 +65,7 @@ def small(lab):
 
 
 # --- all of them ---------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", SWITCH)
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in SWITCH])
 def test_a_small_change_of_the_base_is_in_proportion(small, name):
     key, base = SWITCH[name], small()
     size = find(name).params()[key].value

@@ -467,6 +467,7 @@ def marched(folder, **given):
     return march(case.scene, case.settings)
 
 
+@pytest.mark.long
 def test_speed_from_rest_has_the_friction_of_every_speed(tmp_path):
     """A ramp that starts at 0 and one that starts just above: the same friction on the way, lower where it is slow."""
     from_rest = marched(tmp_path, schedule__speed=[[0.0, 0.0], [10.0, 0.5]])

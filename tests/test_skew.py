@@ -80,6 +80,7 @@ def test_the_fit_follows_what_was_solved(ratio):
     assert np.all(ratio.spread >= 0.999 * ratio.each.std(axis=0) / ratio(LOADS))  # scatter and misfit
 
 
+@pytest.mark.long
 def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
     p = LOADS[1:5]
     same = skewness.ratio(0.6, p, against="slope", **SMALL)
@@ -89,6 +90,7 @@ def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
     np.testing.assert_allclose(same(p), same.each.mean(axis=0), rtol=0.05)
 
 
+@pytest.mark.long
 def test_friction_of_a_skewed_road():
     """Viscoelastic friction falls with what the adhesive part gains."""
     p = np.array([5e4, 1.5e5, 3e5])

@@ -113,9 +113,9 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, held):
 @pytest.mark.parametrize(
     ("phi", "excess"),
     [
-        (0.2, 0.17201627),
+        pytest.param(0.2, 0.17201627, marks=pytest.mark.long),
         pytest.param(0.3, 0.16615538, marks=pytest.mark.long),
-        pytest.param(0.5, 0.12625818, marks=pytest.mark.long),
+        (0.5, 0.12625818),
     ],
 )
 def test_V12_stripes_heat_on_and_off(lab, phi, excess):

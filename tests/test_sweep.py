@@ -183,6 +183,7 @@ def test_processes_that_are_always_killed_end_it():
         list(stream(signal.raise_signal, [signal.SIGKILL, signal.SIGKILL], 2))
 
 
+@pytest.mark.long
 def test_a_worker_of_a_real_cluster_is_killed(case, tmp_path):
     """Two workers, one killed in the middle: the sweep finishes, nothing lost, nothing doubled."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")

@@ -182,12 +182,13 @@ def test_trace_with_a_block_that_rests_on_the_road(resting, key):
 @pytest.mark.parametrize(
     ("given", "keys"),
     [
-        (ROUND, ("friction.mu", "track_memory.strength")),
-        (ROUND | RESTING, ("friction.mu",)),
-        (EDGE, ("wear.rate",)),
-        (WORN, ("friction.mu", "contact.pressure", "block.stiffness")),
+        pytest.param(ROUND, ("friction.mu", "track_memory.strength"), id="laps", marks=pytest.mark.long),
+        pytest.param(ROUND | RESTING, ("friction.mu",), id="laps-resting"),
+        pytest.param(EDGE, ("wear.rate",), id="wear-begins"),
+        pytest.param(
+            WORN, ("friction.mu", "contact.pressure", "block.stiffness"), id="wear-goes-on", marks=pytest.mark.long
+        ),
     ],
-    ids=["laps", "laps-resting", "wear-begins", "wear-goes-on"],
 )
 def test_trace_beside_effects_that_remember(given, keys):
     hood = traces(given, keys)

@@ -113,6 +113,7 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
     lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.12)
 
 
+@pytest.mark.long
 def test_camera_sees_the_wall_near_the_contact(lab):
     """Cells of 1 mm across and a strong film, from the wall's cells to the wall: against cells of 20 um there."""
     given = {

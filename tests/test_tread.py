@@ -102,6 +102,7 @@ def test_one_small_change_does_not_settle_stick_slip():
     assert moved > tread_block.SETTLED
 
 
+@pytest.mark.long
 def test_branches_that_meet_have_no_way_between_them(law):
     """Below 1 % of the cold branch the share would be a number without meaning."""
     for hot, known in ((0.985, True), (0.995, False), (1.005, False), (1.015, True)):
@@ -193,6 +194,7 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
 CHATTERS = ["persson_friction.shear_stress=4e6", "ambient.temperature=5", "tread.slip=[0.01, 0.03]"]
 
 
+@pytest.mark.long
 def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, capsys, monkeypatch):
     """Shear stress falls with speed at 5 degC; at 1 % slip the block hardly slides."""
     monkeypatch.setattr(tread_block, "MOST", 400)  # 800 are taken without

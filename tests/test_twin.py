@@ -62,7 +62,10 @@ def test_nothing_hidden_compares_to_one_within_its_statistics(made, null):
             assert abs(p.chi2_per_dof - 1) < 5 * np.sqrt(2 / len(p.residual))
 
 
-@pytest.mark.parametrize("name", ["pressure_tilt", "emissivity", "interface_resistance"])
+@pytest.mark.parametrize(
+    "name",
+    ["emissivity", *(pytest.param(n, marks=pytest.mark.long) for n in ("pressure_tilt", "interface_resistance"))],
+)
 def test_what_is_hidden_is_seen(made, name):
     found = compare(campaign.load(made(name, views=("sidewall",))))
     [s] = found.seeings
@@ -71,6 +74,7 @@ def test_what_is_hidden_is_seen(made, name):
     assert "sigma" in str(found)
 
 
+@pytest.mark.long
 def test_the_image_is_found_where_it_is(made):
     """Pixels that stand 0.15 px off are moved back by as much."""
     told = campaign.load(made(seed=5, views=("sidewall",)))
@@ -122,6 +126,7 @@ def test_an_effect_of_the_case_can_be_hidden(made):
     assert sealed(folder)["hidden"]["friction_softening"]["b"] != 0
 
 
+@pytest.mark.long
 def test_same_seed_same_campaign_other_seed_another(made, null):
     def images(folder):
         return recording(folder / "condition1_sidewall.nc").temperature
@@ -168,6 +173,7 @@ def test_the_wake_is_not_shifted_across(null):
     assert found["sidewall"].shift[1] != 0.0
 
 
+@pytest.mark.long
 def test_a_profile_can_be_the_view(made):
     found = compare(campaign.load(made(views=("profile",))))
     assert abs(found.seeings[0].chi2_per_dof - 1) < 0.3

@@ -165,7 +165,7 @@ class Loads(Shown):
         return {n: self.change(mu) - self.change(self.none) for n, mu in self.alone.items()}
 
     def _dividends(self, names: Names, change) -> dict[Names, np.ndarray]:
-        """{some: what only all of them together add} for all sets of `names`; the empty one's is what `none` changes."""
+        """{some: what only all of them together add} for all sets of `names`; of the empty one what `none` changes."""
         found: dict[Names, np.ndarray] = {}
         for some in subsets(names):
             found[some] = change(self.mu[some]) - sum(found[part] for part in subsets(some)[:-1])

@@ -26,10 +26,7 @@ from flashtemp.physics.quantities import KELVIN
 FILE = "friction.nc"
 EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
 BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
-PRESSURES, REACH = (
-    10,
-    38.0,
-)  # nodes, from the power of ten next to the mean nominal pressure over REACH to REACH times it
+PRESSURES, REACH = 10, 38.0  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
 PER_DECADE = 8  # of speed, where it varies
 COARSE = 3e-3  # error of a table, over its largest mu, that is worth a word
 LIGHT = 1.0  # Pa: below, friction is that at this pressure

@@ -20,7 +20,7 @@ from flashtemp.solver.march import march
 L, P = 0.025, 1.5e5
 BARE = {  # what the other program leaves out, and a mesh whose own error stays small
     "ambient.convection": 0.0, "contact.flash_factor": 0.0, "friction.volumetric_share": 0.0, "friction.mu": 1.0,
-    "numerics.mesh": 2.0, "output.fields": 2,
+    "numerics.mesh": 1.4, "output.fields": 2,
 }  # fmt: skip
 
 
@@ -115,7 +115,7 @@ def peaked(B, length):
     return given, lambda x: 1 + B * (np.exp(-x / length) - mean)
 
 
-def check_face(tmp_path, given, shape, speeds, bound):
+def check_face(tmp_path, given, shape, speeds, bound, other=None):
     """The face of the block at the end of `speeds` [(m/s, m), ...], relative to its largest rise, from 1 mm on."""
     (tmp_path / "case.toml").write_text("")
     t, rows = 0.0, []
@@ -126,7 +126,7 @@ def check_face(tmp_path, given, shape, speeds, bound):
     speed, distance = speeds[0][0] if len(speeds) == 1 else "speed.csv", sum(s for _, s in speeds)
     made = load(tmp_path / "case.toml", BARE | given | {"schedule.speed": speed, "schedule.distance": distance})
     run = march(made.scene, made.settings)
-    other = Block(columns=200)
+    other = other or Block()
     rise, _ = other.slide(speeds, P * shape(other.x))
     error = np.interp(other.x, run.x, run.T_block[run.last] - 20.0) - rise
     worst = np.abs(error[other.x > 1e-3]).max() / rise.max()
@@ -151,4 +151,10 @@ def test_lanes_widen_by_the_heat_that_they_received(tmp_path, given, shape):
 @pytest.mark.parametrize("speeds", [[(0.1, 0.3), (0.5, 0.01)], [(0.5, 0.5), (0.1, 0.006)]], ids=["faster", "slower"])
 def test_lanes_widen_after_a_step_of_the_speed(tmp_path, speeds):
     """Road that lies half under the old speed and half under the new one."""
-    check_face(tmp_path, *tilted(-0.6), speeds, 2.5e-3)
+    check_face(tmp_path, *tilted(-0.6), speeds, 2.5e-3, Block(columns=200))
+
+
+@pytest.mark.parametrize("speed", [1.0, 30.0, 300.0])
+def test_the_default_mesh_follows_the_speed(tmp_path, speed):
+    """The layers that are heated grow thinner with speed; the mesh that nobody asked for still resolves them."""
+    check_face(tmp_path, {"numerics.mesh": 1.0}, np.ones_like, [(speed, 0.5)], 5e-3, Block(modes=2000))

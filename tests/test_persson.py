@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
+from flashtemp.model.build import theory_of
 from flashtemp.physics.friction import (
     flash_temperature,
     friction_table,
@@ -24,7 +25,9 @@ from flashtemp.physics.friction import (
 )
 from flashtemp.physics.friction.adhesive_shear import Shear
 from flashtemp.physics.material import LIBRARY
+from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import march
+from flashtemp.solver.system import System
 
 A, ASPHALT, CONCRETE = (
     rheology.READY["A"],
@@ -465,6 +468,20 @@ def marched(folder, **given):
     (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
     case = cases.load(folder, QUICK | {k.replace("__", "."): v for k, v in given.items()})
     return march(case.scene, case.settings)
+
+
+def test_spots_follow_the_temperature_of_the_face(tmp_path):
+    """phi of the solver at the end is P(2 pi/D) of the theory itself for rubber as warm as the face there."""
+    (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
+    values = {"persson_friction.spots": "theory", "schedule.speed": 1.0, "numerics.mesh": 0.4, "schedule.distance": 0.5}
+    scene, acting = theory_of(cases.load(tmp_path, values))
+    system = System(Balance(scene), scene.schedule.phases[0])
+    rise, y = 40.0 * np.exp(-((system.b.scene.mesh.column_x / 0.01) ** 2)), system.b.initial()
+    y[system.b.cell_block] = rise
+    phi = system.contact(system.moment(0.1), y).state.phi
+    exactly = acting.p.theory.contact(2 * np.pi / scene.spot_diameter, 1.0, scene.ambient + rise, scene.load)
+    np.testing.assert_allclose(phi, exactly, rtol=1e-4)
+    assert exactly[0] > 1.3 * exactly[-1]
 
 
 @pytest.mark.long

@@ -184,8 +184,9 @@ def discretisation(case: Case, rng) -> dict[str, Any]:
         "numerics.rtol": n["rtol"] / 10,
         "numerics.order": 2 if n["order"] == 3 else 3,
     }
+    first_road = float(case.scene.mesh.depth[1]) * refinement(n["mesh"])
     for key in ("first_x", "last_x", "first_road"):  # of the map that is refined: another grading
-        out[f"numerics.{key}"] = n[key] * float(rng.uniform(0.6, 0.8))
+        out[f"numerics.{key}"] = (n[key] or first_road) * float(rng.uniform(0.6, 0.8))
     return out | ({"numerics.integrator": other[0]} if other else {})
 
 

@@ -24,6 +24,8 @@ from flashtemp.physics.interpolation import pairs
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
 
+LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
+
 Values = Mapping[str, Mapping[str, Any]]
 Known = Mapping[str, type[Effect]]
 
@@ -55,7 +57,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
     remembers = _remembers(said)
     schedule = _with_laps(plan, v, remembers)
-    mesh = _mesh(v, outline.road, schedule, remembers, depths)
+    mesh = _mesh(v, outline.block, outline.road, schedule, remembers, depths)
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
@@ -170,21 +172,24 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 
 
 # --- mesh --------------------------------------------------------------------------------------------
-def _mesh(v: Any, road: Material, schedule: Schedule, remembers: bool, depths: list[float]) -> Mesh:
-    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released."""
+def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers: bool, depths: list[float]) -> Mesh:
+    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed."""
     level = refinement(v.numerics.mesh)
     refine = tuple(level * f for f in v.numerics.finer)
-    first = _first_cell(v, refine[1], depths)
+    first = _first_cell(v, refine[1], depths, math.sqrt(block.diffusivity * schedule.slide_time))
+    first_road = v.numerics.first_road
+    if first_road is None:
+        first_road = min(3e-6, LAYER * math.sqrt(road.diffusivity * v.block.length / max(schedule.speed.value)))
     _check_cells(v, level, refine)
     return block_on_road.build(
         length=v.block.length,
         height=v.block.height,
-        depth=_road_depth(v, road, schedule, remembers),
+        depth=_road_depth(v, road, schedule, remembers, first_road),
         cells=tuple(v.numerics.cells),
         first_x=v.numerics.first_x,
         last_x=v.numerics.last_x,
         first_block=first,
-        first_road=v.numerics.first_road,
+        first_road=first_road,
         upstream=v.road.upstream,
         downstream=v.road.downstream,
         refine=refine,
@@ -197,11 +202,11 @@ def _mesh(v: Any, road: Material, schedule: Schedule, remembers: bool, depths: l
     )
 
 
-def _first_cell(v: Any, refine: float, depths: list[float]) -> float:
-    """First cell (m) of the block at the interface: half the shallowest depth where not given."""
+def _first_cell(v: Any, refine: float, depths: list[float], layer: float) -> float:
+    """First cell (m) of the block at the interface; where not given, within the depths and the heated `layer` (m)."""
     first = v.numerics.first_block
     if first is None:
-        first = max(2e-7, min([4e-6] + [d / 2 for d in depths]))
+        first = max(2e-7, min([4e-6, LAYER * layer] + [d / 2 for d in depths]))
     if depths and first / max(refine, 1e-9) > 4 * min(depths):
         raise BadInput(
             f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "
@@ -231,7 +236,7 @@ def _check_cells(v: Any, level: float, refine: tuple[float, ...]) -> None:
             )
 
 
-def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool) -> float:
+def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, first: float) -> float:
     """Depth (m) of road simulated: six diffusion lengths of the time that it has, where not given."""
     depth = v.road.depth
     if depth is None:
@@ -239,10 +244,9 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool) -> 
         rest = schedule.end if remembers or not schedule.lifted else schedule.wait
         depth = 6 * math.sqrt(road.diffusivity * ((v.block.length + v.road.downstream) / v0 + rest))
         depth = np.clip(depth, 1e-3, 0.2)
-    if v.numerics.first_road > depth / 4:
+    if first > depth / 4:
         raise BadInput(
-            f"numerics.first_road: {v.numerics.first_road:g} m is more than a quarter of the road's depth; "
-            "give a smaller first cell"
+            f"numerics.first_road: {first:g} m is more than a quarter of the road's depth; give a smaller first cell"
         )
     return float(depth)
 

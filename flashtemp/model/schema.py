@@ -66,8 +66,14 @@ TABLES: dict[str, dict[str, Param]] = {
         ),
         "first_x": Param(3e-5, "m", "first cell at the leading edge", low=1e-8, high=0.1),
         "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
-        "first_block": Param(None, "m", "first cell of the block at the interface", low=1e-9, high=0.1),
-        "first_road": Param(3e-6, "m", "first cell of the road at the interface", low=1e-9, high=0.1),
+        "first_block": Param(
+            None, "m", "first cell of the block at the interface; 4 um or less, by depths and time, if not given",
+            low=1e-9, high=0.1,
+        ),
+        "first_road": Param(
+            None, "m", "first cell of the road at the interface; 3 um or less, by the speed, if not given",
+            low=1e-9, high=0.1,
+        ),
         "behind": Param(
             1.35, "1", "growth of cells behind the block from one to the next; comparisons with a wake need 1.1",
             low=1.01, high=2.0,

@@ -47,7 +47,10 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("block.worn", "m", "0", "worn before the first start", PLACE),
         Quantity("holder.compliance", "rad/(N m)", "0", "turn of the holder per moment"),
         Quantity("holder.arm", "m", "0", "height of the holder's pivot, arm of the friction force"),
-        Quantity("contact.spot_fraction", "1", "0", "macroasperity contact fraction", "x, y, local pressure"),
+        Quantity(
+            "contact.spot_fraction", "1", "0", "macroasperity contact fraction",
+            "x, y, local pressure, T of the face (`now.face`; None before there is one)",
+        ),
         Quantity("contact.resistance", "m2K/W", "0", "resistance in the spots", "x, y, local pressure"),
         Quantity(
             "contact.heat_split", "1", "0", "share of the heat released on the block's side", "x, y, local pressure",

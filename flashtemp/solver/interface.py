@@ -71,7 +71,7 @@ class Interface:
         if turning < np.inf:
             moment *= self._friction(now, free, moment, turning, T, T_in, kf)
         press = b.foundation.settle(free, now.pressure, moment, turning)
-        state = self.state(now, press.pressure)
+        state = self.state(now, press.pressure, T)
         if not now.touching:
             return Contact(state, press)
         flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
@@ -101,7 +101,7 @@ class Interface:
 
         def found(trial, free, T, T_in, kf):
             press = bed.settle(free, now.pressure, moment * trial, turning)
-            flux, _ = self.fluxes(self.state(now, press.pressure), now, T, T_in, kf)
+            flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, T_in, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
         mean = self.recent.friction
@@ -130,11 +130,13 @@ class Interface:
             passed = min(now.slid, D), min(now.contact_time - now.waited, D / now.last_speed)
             self.recent.forget((now.pressure, now.touching, *passed, now.waited))
 
-    def state(self, now, local) -> contact_flux.ContactState:
-        """Contact laws at a local pressure (columns,) Pa."""
+    def state(self, now, local, T=None) -> contact_flux.ContactState:
+        """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
         self._recall(now)
         laws, mesh, recent = self.b.laws, self.b.scene.mesh, self.recent
         now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=local)
+        if T is not None:
+            now = now._replace(face=T[self.b.cell_block] + self.b.scene.ambient)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
@@ -267,7 +269,7 @@ class Interface:
         b, area, flux, d = self.b, self.b.scene.mesh.column_area, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
-        state = self.state(now, contact.press.pressure + 1j * STEP)
+        state = self.state(now, contact.press.pressure + 1j * STEP, T)
         pressed, _ = self.fluxes(state, now, T, T_in, kf)
         road = pressed.into_road * area
         abrasion = _slope(self.abrasion_rate(state, pressed, now))

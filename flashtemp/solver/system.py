@@ -188,7 +188,8 @@ class Linearised:
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v; conserves heat like the rate.
 
-        Left out: slopes of k(T), and the way from temperature over friction to the tilt of a holder that turns.
+        Left out: slopes of k(T), and the ways from temperature over friction to the tilt of a holder that turns, and
+        from the face's temperature to the contact fraction.
         """
         b, n = self.b, self.b.n
         h = v[:n]

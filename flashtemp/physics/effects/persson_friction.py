@@ -51,7 +51,10 @@ class PerssonFriction(Effect):
     shear_speed = Param(6e-3, "m/s", "speed of its maximum at 20 degC", low=1e-12, high=1e3)
     activation = Param(1.0, "eV", "activation energy of its shift with temperature", low=0.0, high=5.0)
     spots = Param(
-        "given", "1", 'contact fraction: contact.spot_fraction, or "theory": P(2 pi/diameter)', kinds=("name",)
+        "given",
+        "1",
+        'contact fraction: contact.spot_fraction, or "theory": P(2 pi/diameter) at the face',
+        kinds=("name",),
     )
     in_depth = Param(True, "1", "release the viscoelastic heat where the theory says", kinds=("flag",))
     extrapolate = Param(True, "1", "false: refuse where friction comes from beyond the measured range", kinds=("flag",))
@@ -89,11 +92,13 @@ class PerssonFriction(Effect):
 
         def fraction(T, now, p):
             v = max(now.last_speed, friction_table.SLOWEST)
-            return 1.0 + p.weight * (covering(v, now.local_pressure) / now.base - 1.0)
+            face = scene.ambient if now.face is None else now.face
+            return 1.0 + p.weight * (covering(v, now.local_pressure, face) / now.base - 1.0)
 
         yield Factor("friction.mu", law)
         if p.spots == "theory":
-            covering = p.theory.covering(2 * np.pi / scene.spot_diameter, scene.ambient, scene.load)
+            warm = scene.ambient + np.linspace(-friction_table.BELOW, friction_table.ABOVE, friction_table.NODES)
+            covering = p.theory.covering(2 * np.pi / scene.spot_diameter, warm, scene.load)
             yield Factor("contact.spot_fraction", fraction)
         for share, depth in depths:
             yield Deposit(p.weight * share, depth)

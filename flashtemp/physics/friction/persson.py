@@ -209,16 +209,25 @@ class Theory:
             )
         return _cut(self, q)
 
-    def covering(self, q: float, T: float, p: float) -> Callable[..., Value]:
-        """Law (v, p) of P at one wavenumber q (1/m) at T (K), around a pressure p (Pa): G falls as 1/p^2 there."""
+    def covering(self, q: float, T: Value, p: float) -> Callable[..., Value]:
+        """Law (v, p, T) of P at one wavenumber q (1/m), around a pressure p (Pa): G falls as 1/p^2 there.
 
+        `T` (n,) K are the temperatures at which it is computed, rising; between them it is splined, beyond them held.
+        """
         cut = self.upto(q)
 
         @lru_cache(maxsize=2)
-        def resisting(v: Value) -> Value:  # Pa
-            return p * np.sqrt(cut(v, T, p).stretch)
+        def resisting(v: Value) -> CubicSpline:  # ln Pa over T
+            return CubicSpline(T, np.log(p * np.sqrt(cut(v, T[:, None], p).stretch[:, 0])))
 
-        return lambda v, local: erf(0.5 * local / resisting(v))
+        def law(v: Value, local: Value, at: Value) -> Value:
+            held = np.clip(np.real(at), T[0], T[-1])
+            log = resisting(v)(held)
+            if np.iscomplexobj(at):
+                log = log + 1j * np.imag(at) * resisting(v)(held, 1)
+            return erf(0.5 * local / np.exp(log))
+
+        return law
 
     def contact(self, q: float, v: Value, T: Value, p: Value) -> Value:
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""

@@ -14,7 +14,7 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import app
 from flashtemp.discovery.verdict import Cause, Estimate, Rival, Verdict
-from flashtemp.runs.load_dependence import NAMES, Loads
+from flashtemp.runs.load_dependence import NAMES, Loads, subsets
 from flashtemp.showing import MOST, Sheet, Shown
 
 ROOT = Path(__file__).parents[1]
@@ -165,9 +165,8 @@ def test_titles_are_escaped(lab):
 
 def test_loads_show_shares():
     one, flat = np.array([[1.0, 0.8]]), np.ones((1, 2))
-    alone = {name: one if name == "heating" else flat for name in NAMES}
-    beside = {name: flat if name == "heating" else one for name in NAMES}
-    found = Loads(TITLE, np.array([1e5, 2e5]), np.array([1.0]), NAMES, {}, flat, one, alone, beside, one, "fixed")
+    mu = {some: one if "heating" in some else flat for some in subsets(NAMES)}
+    found = Loads(TITLE, np.array([1e5, 2e5]), np.array([1.0]), NAMES, {}, mu, one, "fixed")
     cells = [cell.text for cell in opened(found._repr_html_()).findall("table/tbody/tr/td")]
     assert cells[:4] == ["1", "1", "0.8", "-20.0 %"]
     assert cells[-1] == "-20.0 %"

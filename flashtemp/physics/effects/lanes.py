@@ -12,7 +12,7 @@ whatever the road received, and when.
 >>> [factor] = Lanes().heat(N(spot_diameter=3e-3), None)
 >>> share = factor.law(None, N(covered=0.2), N(lane_widening=1.0), np.array([0.0, 1e-3, 1.0]))
 >>> np.round(share, 4).tolist()
-[1.0, 0.5837, 0.2]
+[1.0, 0.5836, 0.2]
 """
 
 from __future__ import annotations

@@ -195,6 +195,9 @@ def _repeat(of: Laws, q: Question) -> Iterator[str]:
 
 def _pointwise(of: Laws) -> Iterator[str]:
     for q in of.questions:
+        if any(np.ndim(m) for m in q.more):
+            yield from _tried(of.trial, partial(_apart, of, q))
+            continue
         lead = next((q.value(n) for n in ("T", "local_pressure", "spot_fraction") if np.ndim(q.value(n))), None)
         if lead is not None and len(lead) > 1 and getattr(q.part, "target", "") not in FREE[:1]:
             yield from _tried(of.trial, partial(_alone, of, q, lead))
@@ -210,7 +213,18 @@ def _alone(of: Laws, q: Question, lead: np.ndarray) -> Iterator[str]:
     fields = {n: v for n in type(now)._fields if np.ndim(v := getattr(now, n)) == lead.ndim}
     own = {n: v[:1] for n, v in fields.items() if len(v) == len(lead)}
     alone = np.broadcast_to(q.ask(of.p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
-    if not np.allclose(alone, every[:1], rtol=SAME, atol=0.0):
+    yield from _same(of, q, alone, every[:1])
+
+
+def _apart(of: Laws, q: Question) -> Iterator[str]:
+    """A law of distances sees one of them alone as among the others."""
+    every = np.asarray(q.ask(of.p))
+    alone = np.asarray(replace(q, more=tuple(m[:1] if np.ndim(m) else m for m in q.more)).ask(of.p))
+    yield from _same(of, q, alone, every[:1] if every.ndim else every)
+
+
+def _same(of: Laws, q: Question, alone, among) -> Iterator[str]:
+    if not np.allclose(alone, among, rtol=SAME, atol=0.0):
         yield (
             f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} answers otherwise at one point when asked about "
             "that point alone; a law sees its own point: no mean, max or sum over an array"

@@ -61,9 +61,12 @@ class Block:
     def slide(self, speeds, pressure, mu=1.0, fraction=0.2, widening=True):
         """Slide as `speeds` [(m/s, m), ...] say under `pressure` (columns,) Pa; at the end face and heat into the road.
 
-        Rises (columns,) in K and W/m2 of spot area.  The road passes one column a step.
+        Rises (columns,) in K and W/m2 of spot area.  The road passes one column a step.  Where the contact `fraction`
+        (columns,) varies, the lanes in contact at one place were in contact at another on the lesser of both fractions.
         """
         n, dx = self.columns, self.length / self.columns
+        fraction = np.broadcast_to(fraction, n)
+        floor, common = fraction.mean(), np.minimum(fraction[:, None], fraction) / fraction[:, None]
         m, z = np.arange(n), np.arange(self.modes)
         cosines = np.cos(np.pi * np.outer(self.x, m) / self.length)
         forward = np.where(m > 0, 2.0, 1.0)[:, None] * cosines.T / n
@@ -78,25 +81,25 @@ class Block:
             held = np.exp(-decay * dt)
             moved = np.where(decay > 0, (1.0 - held) / np.where(decay > 0, decay, 1.0), dt)
             moved *= np.where(z > 0, 2.0, 1.0) / (self.rc * self.height)
-            response = cosines @ ((moved.sum(axis=1) + at_once)[:, None] * forward) * fraction
+            response = cosines @ ((moved.sum(axis=1) + at_once)[:, None] * forward * fraction)
             q = mu * pressure * v / fraction
             for step in range(round(distance / dx)):
                 stretches = [dt, *stretches[: n - 1]]
                 if step <= n:  # lags settle once the speed has lasted for a length of the block
                     ages = np.concatenate([[0.0], np.cumsum(stretches)])
-                    w0, w1 = self.memory(ages[:-1], ages[1:], fraction, widening)
+                    w0, w1 = self.memory(ages[:-1], ages[1:], floor, widening)
                     enter = 0.5 * np.array([*stretches, stretches[-1]])
-                    first = sum(self.memory(ages, ages + enter, fraction, widening))
+                    first = sum(self.memory(ages, ages + enter, floor, widening))
                     own = np.full(n, w0[0])
                     own[0] = first[0]
                     lu = lu_factor(response + np.diag(own))
                 past = np.zeros(n)
                 for j in range(1, min(len(fluxes), n - 1) + 1):
-                    flux = fluxes[-j]
-                    past[j:] += w1[j - 1] * flux[: n - j]
+                    flux = fluxes[-j][: n - j] * common.diagonal(-j)
+                    past[j:] += w1[j - 1] * flux
                     past[j] += first[j] * flux[0]
                     if j < len(w0):
-                        past[j + 1 :] += w0[j] * flux[1 : n - j]
+                        past[j + 1 :] += w0[j] * flux[1:]
                 a *= held
                 face = cosines @ a.sum(axis=1)
                 J = lu_solve(lu, own * q + past - face)  # face + response J = past + own (q - J)
@@ -115,7 +118,7 @@ def peaked(B, length):
     return given, lambda x: 1 + B * (np.exp(-x / length) - mean)
 
 
-def check_face(tmp_path, given, shape, speeds, bound, other=None):
+def check_face(tmp_path, given, shape, speeds, bound, other=None, exponent=0.0):
     """The face of the block at the end of `speeds` [(m/s, m), ...], relative to its largest rise, from 1 mm on."""
     (tmp_path / "case.toml").write_text("")
     t, rows = 0.0, []
@@ -124,10 +127,11 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None):
         t += s / v + 1e-6
     np.savetxt(tmp_path / "speed.csv", rows, delimiter=",", fmt="%.9g")
     speed, distance = speeds[0][0] if len(speeds) == 1 else "speed.csv", sum(s for _, s in speeds)
-    made = load(tmp_path / "case.toml", BARE | given | {"schedule.speed": speed, "schedule.distance": distance})
+    given = given | {"schedule.speed": speed, "schedule.distance": distance, "contact.spot_exponent": exponent}
+    made = load(tmp_path / "case.toml", BARE | given)
     run = march(made.scene, made.settings)
     other = other or Block()
-    rise, _ = other.slide(speeds, P * shape(other.x))
+    rise, _ = other.slide(speeds, P * shape(other.x), fraction=0.2 * shape(other.x) ** exponent)
     error = np.interp(other.x, run.x, run.T_block[run.last] - 20.0) - rise
     worst = np.abs(error[other.x > 1e-3]).max() / rise.max()
     print(f"largest difference {100 * worst:.3f} % of {rise.max():.2f} K")
@@ -146,6 +150,19 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None):
 )
 def test_lanes_widen_by_the_heat_that_they_received(tmp_path, given, shape):
     check_face(tmp_path, given, shape, [(0.1, 0.5)], 2.5e-3)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0])
+@pytest.mark.parametrize(
+    ("given", "shape"),
+    [
+        pytest.param(*tilted(0.5), id="lanes end"),
+        pytest.param(*tilted(-0.5), id="lanes begin"),
+        pytest.param(*peaked(2.5, 0.0025), id="peak"),
+    ],
+)
+def test_lanes_begin_and_end_where_the_contact_fraction_varies(tmp_path, given, shape, exponent):
+    check_face(tmp_path, given, shape, [(0.1, 0.5)], 1e-2, exponent=exponent)
 
 
 @pytest.mark.parametrize("speeds", [[(0.1, 0.3), (0.5, 0.01)], [(0.5, 0.5), (0.1, 0.006)]], ids=["faster", "slower"])

@@ -68,9 +68,9 @@ class Balance:
         self.abrades = self.laws.has("block.abrasion")
 
     def _reference_fraction(self) -> float:
-        """Contact fraction at the highest mean pressure: the constant weight of lanes in the audit.
+        """Contact fraction at the highest mean pressure: the constant share of the width for which road cells stand.
 
-        Block and lanes close separately, so any constant weight makes a sum that every solve can keep.
+        The heat that they hold is all that the block has lost, wherever spots touch: `ContactState.road`.
         """
         schedule, mesh = self.scene.schedule, self.scene.mesh
         now = self.scene.moment(schedule.phases[0], 0.0)
@@ -91,6 +91,13 @@ class Balance:
         weight = weight[: used[-1] + 1 if len(used) else 0].copy()
         deep = mesh.everywhere(mesh.block[:, : len(weight)])
         return weight, np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
+
+    @cached_property
+    def warming(self) -> np.ndarray:
+        """Weights (lines, lines under the block) of fluxes along the block on the road's surface, as 1/sqrt(x - x')."""
+        mesh = self.scene.mesh
+        x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
+        return 2.0 * (np.sqrt(np.maximum(x - edges[:-1], 0.0)) - np.sqrt(np.maximum(x - edges[1:], 0.0)))
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:

@@ -49,16 +49,16 @@ class Track:
         self.rates, self.modes = eigh_tridiagonal(diagonal / capacity, -g / (self.root[1:] * self.root[:-1]))
         self.rates = np.maximum(self.rates, 0.0)
 
-    def leave(self, t: float, place: float, column, entering, share: float) -> None:
-        """Keep a column of rises that leaves at time t; lanes cover `share` of the width.
+    def leave(self, t: float, place: float, column, entering, share: float, lane=1.0) -> None:
+        """Keep a column of rises that leaves at time t; it stands for `share` of the width.
 
-        `column` (n_road n_across,), deepest cells first.
+        `column` (n_road n_across,), deepest cells first; in lanes its excess is `lane` times as large.
         """
         excess = column - entering
         self.place.append(place)
         self.time.append(t)
         self.mean.append(self._amplitudes(entering + share * excess))
-        self.lane.append(self._amplitudes((1 - share) * excess))
+        self.lane.append(self._amplitudes((lane - share) * excess))
 
     def _amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
@@ -114,4 +114,5 @@ def leave(system: System, t: float, y: np.ndarray, track: Track) -> None:
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
-    track.leave(t, place, column - drift, system.entering(now) - drift, system.contact(now, y).state.covered)
+    lane = np.tile(system.interface.every_lane(system.contact(now, y).state)[-1], scene.mesh.n_road)
+    track.leave(t, place, column - drift, system.entering(now) - drift, b.share, lane)

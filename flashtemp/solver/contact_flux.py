@@ -27,9 +27,9 @@ class ContactState:
 
     `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
     `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
-    `widen` (n_road,) share of a column's rise in each cell, deepest first, by which the lane's surface falls below it
-    as it widens, `split` chi, `inside` share F of the heat released in depth, `deep` flash of
-    those deposits (m2 K/W).
+    `lane` rise of the lanes in contact over that of the road's column, `widen` (n_road,) share of a column's rise in
+    each cell, deepest first, by which its surface falls below it as lanes widen, `split` chi, `inside` share F of the
+    heat released in depth, `deep` flash of those deposits (m2 K/W).
     """
 
     m: np.ndarray
@@ -38,12 +38,13 @@ class ContactState:
     pressure: np.ndarray
     r: np.ndarray
     flash: np.ndarray
+    lane: np.ndarray
     widen: np.ndarray
     split: float
     inside: float
     deep: np.ndarray
     block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
-    road: np.ndarray | float  # that of its road cell: 1 while that is the lane under the spots
+    road: np.ndarray  # that of its road cell, which stands for a constant share of the width: 1 where spots cover it
     half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
 
 
@@ -60,7 +61,7 @@ class Fluxes(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives with respect to the block's (0) first cell temperature and the lane's (1)."""
+    """Derivatives with respect to the first cell temperatures of the block (0) and of the road's column (1)."""
 
     block: tuple[np.ndarray, np.ndarray]  # of J_R
     road: tuple[np.ndarray, np.ndarray]  # of J_S
@@ -73,7 +74,7 @@ class Slopes(NamedTuple):
 def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, guess=None, slopes=False):
     """Fluxes, and with `slopes` their derivatives, else None, for first-cell temperatures T0, Ts in K (lines,).
 
-    `Ts` is that of the lane (`ContactState.widen`), `half_block`, `half_road` are half-cell resistances m2 K/W,
+    `Ts` is that of the lanes (`Interface.lanes`), `half_block`, `half_road` are half-cell resistances m2 K/W,
     `friction(T, face, apart)` is the friction coefficient at the temperatures in the spots and of the block's face
     around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
@@ -115,12 +116,12 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
         return law(T, T0 + 1j * STEP, True).imag / STEP
 
     rise = 1.0 / (1.0 - gain * own)
-    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g)
+    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g * state.lane)
     dmu, ds = (along(friction, own), (0.0, 0.0)) if parted is None else (along(friction), along(parted))
     dq = tuple(state.m * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
     face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
-    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -1.0), strict=True))
+    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
     return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), dT, dmu)
 

@@ -18,6 +18,7 @@ from flashtemp.solver import contact_flux, kernels_2d
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.winkler import Press, Response
 
+SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
@@ -144,15 +145,15 @@ class Interface:
         if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
             covered = phi @ mesh.column_area / mesh.column_area.sum()
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
-        covered, flash, deep, widen = recent.spread
+            recent.fraction, recent.spread = phi, (covered, *self._spread(seen), self._lane(phi, local))
+        covered, flash, deep, widen, lane = recent.spread
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
         state = contact_flux.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, widen=widen, split=split, inside=self.b.inside, deep=deep,
-            block=phi, road=1.0, half=phi,
+            flash=flash, lane=lane, widen=widen, split=split, inside=self.b.inside, deep=deep,
+            block=phi, road=phi / self.b.share, half=phi,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
 
@@ -166,6 +167,7 @@ class Interface:
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; give more or larger spots")
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
+        block = state.block + w * (cover - state.block)
         return replace(
             state,
             m=state.m + w * (load - 1.0) * state.m,
@@ -173,9 +175,10 @@ class Interface:
             covered=state.covered + w * (1.0 - state.covered),
             flash=(1.0 - w) * state.flash,
             deep=(1.0 - w) * state.deep,
+            lane=state.lane + w * (1.0 - state.lane),
             widen=(1.0 - w) * state.widen,
-            block=state.block + w * (cover - state.block),
-            road=1.0 + w * (cover - 1.0),
+            block=block,
+            road=block / self.b.share,
             half=state.half + w * (1.0 - state.half),
         )
 
@@ -204,8 +207,41 @@ class Interface:
         apart = np.sqrt(np.maximum(mesh.depth**2 - z**2, 0.0))
         return (1.0 - self.b.laws("contact.resolved", 0.0, None, now)) * self._fall(at, apart)
 
+    def _lane(self, phi, local) -> np.ndarray:
+        """Rise of the lanes in contact over that of the road's column, which holds the heat of its constant share.
+
+        A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
+        both are summed as a flux that follows the friction heat p/phi warms the surface (theory 10; docs/theory.md).
+        """
+        b, mesh = self.b, self.b.scene.mesh
+        if np.ptp(np.real(phi)) == 0.0:
+            return b.share / phi
+        phi, local = (a.reshape(-1, mesh.n_across) for a in (phi, local))
+        out = np.empty(phi.shape, dtype=np.result_type(phi, local))
+        for j in range(mesh.n_across):
+            least, heat = SPARSE * np.real(phi[:, j]).mean(), local[:, j] / phi[:, j]
+            here = np.where(np.real(phi[:, j]) < least, least, phi[:, j])
+            both = np.where(np.real(here)[:, None] < np.real(phi[:, j]), here[:, None], phi[:, j])
+            lanes, road = (b.warming * both) @ heat / here, b.warming @ (heat * phi[:, j])
+            warmed = np.real(road) > 0.0
+            out[:, j] = np.where(warmed, b.share * lanes, 1.0) / np.where(warmed, road, 1.0)
+        return out.ravel()
+
+    def every_lane(self, state) -> np.ndarray:
+        """Rise of the lanes over that of the road's columns (n_lines, n_across): behind the block as at its end."""
+        mesh = self.b.scene.mesh
+        lane = np.ones((mesh.n_lines, mesh.n_across))
+        lane[mesh.first : mesh.last] = np.real(state.lane).reshape(-1, mesh.n_across)
+        lane[mesh.last :] = lane[mesh.last - 1]
+        return lane
+
+    def lanes(self, state, T, T_in) -> np.ndarray:
+        """Rises (columns,) K of widened lanes at their first cells, at rises T (cells,) over road entering at T_in."""
+        under = np.tile(T_in[-self.b.scene.mesh.n_across :], self.b.scene.mesh.last - self.b.scene.mesh.first)
+        return under + state.lane * (T[self.b.cell_road] - under - self.fallen(state.widen, T, T_in))
+
     def fallen(self, widen, T, T_in=None) -> np.ndarray | float:
-        """By how much (columns,) K the surface of a lane lies below its column, `widen` as in `ContactState`.
+        """By how much (columns,) K widening lowers the surface of a column, `widen` as in `ContactState`.
 
         `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
         """
@@ -249,7 +285,7 @@ class Interface:
         return contact_flux.solve(
             state,
             T[b.cell_block] + ambient,
-            T[b.cell_road] - self.fallen(state.widen, T, T_in) + ambient,
+            self.lanes(state, T, T_in) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
             law("friction.mu", 0.0),

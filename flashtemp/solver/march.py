@@ -147,8 +147,8 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
     fresh = entering + 0.0 * road
     if now.track is not None:
-        share = system.contact(moment, y).state.covered
-        mixed = share + (1 - share) * np.exp(-moment.waited / now.track.lateral)
+        lane = system.interface.every_lane(system.contact(moment, y).state)[:, None]
+        mixed = balance.share + (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
         fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh

@@ -50,7 +50,7 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         "pressure": contact.state.pressure * (1.0 if moment.touching else 0.0),
         "worn": worn,
     }
-    wake = _wake(b, contact, T, entering)
+    wake = _wake(b, T, entering)
     energy = _energy(b, y, now)
     row = {
         "time": t,
@@ -101,15 +101,15 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.at(state, moment), T, kf)
         spot = surface + C0
-        lane = T[b.cell_road] - system.interface.fallen(state.widen, T, entering) + C0
+        lane = system.interface.lanes(state, T, entering) + C0
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
-def _wake(b: Balance, contact: Contact, T, entering) -> np.ndarray:
-    """Road surface (lines behind the block, planes) in degC; lanes keep their heat as they widen: so does the mean."""
+def _wake(b: Balance, T, entering) -> np.ndarray:
+    """Road surface (lines behind the block, planes) in degC, over lanes and gaps: all heat that the road took."""
     mesh, under = b.scene.mesh, entering[-b.scene.mesh.n_across :]
     behind = mesh.planes(T)[mesh.road[mesh.last :, -1]]
-    return b.scene.ambient - KELVIN + under + contact.state.covered * (behind - under)
+    return b.scene.ambient - KELVIN + under + b.share * (behind - under)
 
 
 def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
@@ -122,9 +122,11 @@ def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
 def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
     """Temperatures (cells,) in degC, those of the road as lane means."""
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
-    cells, excess = T + C0, mesh.planes(T)[mesh.road] - entering.reshape(mesh.n_road, -1)
+    fresh = entering.reshape(mesh.n_road, -1)
+    cells, excess = T + C0, mesh.planes(T)[mesh.road] - fresh
     fallen = np.einsum("jk,ikp->ijp", system.interface.fall_at_depth(contact.state, moment), excess)
-    mesh.planes(cells)[mesh.road] -= fallen
+    lane = system.interface.every_lane(contact.state)[:, None]
+    mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fallen)
     return cells
 
 

@@ -109,18 +109,21 @@ class Run(Shown):
 
     @cached_property
     def _books(self) -> tuple[float, float, float]:
-        """Heat missing in the block, heat missing in the lanes, all heat that moved (J per metre)."""
+        """Heat missing in the block, heat missing in block and road together, all heat that moved (J per metre).
+
+        Both together: across the interface no entry of the ledger stands between them.
+        """
         e = {k: v[-1] for k, v in self.energy.items()}
         losses = sum(v for k, v in e.items() if k not in NOT_LOSSES)
+        both = e["friction"] + losses - e["block"] - e["share"] * (e["lanes"] + e["lane_out"] - e["lane_air"])
         block = e["friction"] - e["into_road"] + losses - e["block"]
-        lanes = e["share"] * (e["lane_in"] - e["lane_out"] + e["lane_air"] - e["lanes"])
-        return block, lanes, max(1e-300, *(abs(v) for k, v in e.items() if k != "share"))
+        return block, both, max(1e-300, *(abs(v) for k, v in e.items() if k != "share"))
 
     @cached_property
     def energy_imbalance(self) -> float:
         """Heat that appeared or vanished in block and road together, relative to all that moved."""
-        block, lanes, moved = self._books
-        return float(abs(block + lanes) / moved)
+        _, both, moved = self._books
+        return float(abs(both) / moved)
 
     @cached_property
     def partition_error(self) -> float:

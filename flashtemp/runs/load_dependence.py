@@ -176,7 +176,7 @@ class Loads(Shown):
         for n in NAMES:
             players = tuple(m for m in NAMES if m in self.acting or m == n)
             parts = self._dividends(players, change)
-            out[n] = sum(v / len(some) for some, v in parts.items() if n in some)
+            out[n] = np.sum([v / len(some) for some, v in parts.items() if n in some], axis=0)
         return out
 
     @property

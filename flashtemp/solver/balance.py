@@ -92,12 +92,18 @@ class Balance:
         deep = mesh.everywhere(mesh.block[:, : len(weight)])
         return weight, np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
 
-    @cached_property
-    def warming(self) -> np.ndarray:
-        """Weights (lines, lines under the block) of fluxes along the block on the road's surface, as 1/sqrt(x - x')."""
+    def memory(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
+        """Weights (lines, lines under the block) of fluxes at x' over `slid` m of road.
+
+        On its surface, as 1/sqrt(x - x'), and on what it loses sideways, which grows by the square root more: evenly.
+        """
         mesh = self.scene.mesh
-        x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
-        return 2.0 * (np.sqrt(np.maximum(x - edges[:-1], 0.0)) - np.sqrt(np.maximum(x - edges[1:], 0.0)))
+        way = min(max(slid, mesh.dx_block[0]), mesh.x[mesh.last])
+        return self._memory if way == mesh.x[mesh.last] else _along(mesh, way)
+
+    @cached_property
+    def _memory(self) -> tuple[np.ndarray, np.ndarray]:
+        return _along(self.scene.mesh, self.scene.mesh.x[self.scene.mesh.last])
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:
@@ -154,3 +160,11 @@ class Balance:
         mesh = self.scene.mesh
         E = self.capacity * (mesh.planes(y[: self.n]) @ mesh.share)
         return float(E[mesh.block].sum()), float(E[mesh.road].sum())
+
+
+def _along(mesh, way: float) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals of 1/sqrt(x - x') and of 1 over every line, as far as `way` (m) upstream of the centre of each line."""
+    x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
+    apart = np.clip(x - edges, 0.0, way)
+    root = np.sqrt(apart)
+    return 2.0 * (root[:, :-1] - root[:, 1:]), apart[:, :-1] - apart[:, 1:]

@@ -13,6 +13,7 @@ from scipy.linalg import eigh_tridiagonal
 
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
+from flashtemp.solver import lanes
 from flashtemp.solver.system import Inflow, System
 
 
@@ -114,5 +115,5 @@ def leave(system: System, t: float, y: np.ndarray, track: Track) -> None:
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
-    lane = np.tile(system.interface.every_lane(system.contact(now, y).state)[-1], scene.mesh.n_road)
+    lane = np.tile(lanes.everywhere(scene.mesh, system.contact(now, y).state.lane)[-1], scene.mesh.n_road)
     track.leave(t, place, column - drift, system.entering(now) - drift, b.share, lane)

@@ -28,8 +28,8 @@ class ContactState:
     `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
     `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
     `lane` rise of the lanes in contact over that of the road's column, `widen` (n_road,) share of a column's rise in
-    each cell, deepest first, by which its surface falls below it as lanes widen, `split` chi, `inside` share F of the
-    heat released in depth, `deep` flash of those deposits (m2 K/W).
+    each cell, deepest first, by which its surface falls below it as lanes widen, `fall` times as much in the lanes,
+    `split` chi, `inside` share F of the heat released in depth, `deep` flash of those deposits (m2 K/W).
     """
 
     m: np.ndarray
@@ -39,6 +39,7 @@ class ContactState:
     r: np.ndarray
     flash: np.ndarray
     lane: np.ndarray
+    fall: np.ndarray
     widen: np.ndarray
     split: float
     inside: float

@@ -12,13 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.meshes.mesh import centres
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux, kernels_2d
+from flashtemp.solver import contact_flux, kernels_2d, lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.winkler import Press, Response
 
-SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
@@ -145,14 +143,15 @@ class Interface:
         if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
             covered = phi @ mesh.column_area / mesh.column_area.sum()
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.fraction, recent.spread = phi, (covered, *self._spread(seen), self._lane(phi, local))
-        covered, flash, deep, widen, lane = recent.spread
+            recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
+        covered, flash, deep, widen = recent.spread
+        lane, fall = lanes.in_contact(self.b, phi, now)
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
         state = contact_flux.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, lane=lane, widen=widen, split=split, inside=self.b.inside, deep=deep,
+            flash=flash, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
             block=phi, road=phi / self.b.share, half=phi,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
@@ -176,6 +175,7 @@ class Interface:
             flash=(1.0 - w) * state.flash,
             deep=(1.0 - w) * state.deep,
             lane=state.lane + w * (1.0 - state.lane),
+            fall=state.fall + w * (1.0 - state.fall),
             widen=(1.0 - w) * state.widen,
             block=block,
             road=block / self.b.share,
@@ -190,70 +190,7 @@ class Interface:
         if flash.any():
             for d in self.b.volumetric:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
-        return flash, deep, self._fall(now, self.b.scene.mesh.depth)
-
-    def _fall(self, now, edges) -> np.ndarray:
-        """Weights (..., n_road) of the cells, deepest first, between distances `edges` (..., n_road + 1) m."""
-        overlap = self.b.laws("road.lane_overlap", 1.0, None, now, edges) * np.ones(edges.shape)
-        return (overlap[..., :-1] - overlap[..., 1:])[..., ::-1]
-
-    def fall_at_depth(self, state, now) -> np.ndarray:
-        """Weights (n_road, n_road) of a column's rises by which the lane lies below them at every depth.
-
-        At the surface they are `ContactState.widen`: heat at a depth z has come from there by sqrt(z^2 + r^2).
-        """
-        mesh, at = self.b.scene.mesh, self.at(state, now)
-        z = centres(mesh.depth)[::-1, None]
-        apart = np.sqrt(np.maximum(mesh.depth**2 - z**2, 0.0))
-        return (1.0 - self.b.laws("contact.resolved", 0.0, None, now)) * self._fall(at, apart)
-
-    def _lane(self, phi, local) -> np.ndarray:
-        """Rise of the lanes in contact over that of the road's column, which holds the heat of its constant share.
-
-        A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
-        both are summed as a flux that follows the friction heat p/phi warms the surface (theory 10; docs/theory.md).
-        """
-        b, mesh = self.b, self.b.scene.mesh
-        if np.ptp(np.real(phi)) == 0.0:
-            return b.share / phi
-        phi, local = (a.reshape(-1, mesh.n_across) for a in (phi, local))
-        out = np.empty(phi.shape, dtype=np.result_type(phi, local))
-        for j in range(mesh.n_across):
-            least, heat = SPARSE * np.real(phi[:, j]).mean(), local[:, j] / phi[:, j]
-            here = np.where(np.real(phi[:, j]) < least, least, phi[:, j])
-            both = np.where(np.real(here)[:, None] < np.real(phi[:, j]), here[:, None], phi[:, j])
-            lanes, road = (b.warming * both) @ heat / here, b.warming @ (heat * phi[:, j])
-            warmed = np.real(road) > 0.0
-            out[:, j] = np.where(warmed, b.share * lanes, 1.0) / np.where(warmed, road, 1.0)
-        return out.ravel()
-
-    def every_lane(self, state) -> np.ndarray:
-        """Rise of the lanes over that of the road's columns (n_lines, n_across): behind the block as at its end."""
-        mesh = self.b.scene.mesh
-        lane = np.ones((mesh.n_lines, mesh.n_across))
-        lane[mesh.first : mesh.last] = np.real(state.lane).reshape(-1, mesh.n_across)
-        lane[mesh.last :] = lane[mesh.last - 1]
-        return lane
-
-    def lanes(self, state, T, T_in) -> np.ndarray:
-        """Rises (columns,) K of widened lanes at their first cells, at rises T (cells,) over road entering at T_in."""
-        under = np.tile(T_in[-self.b.scene.mesh.n_across :], self.b.scene.mesh.last - self.b.scene.mesh.first)
-        return under + state.lane * (T[self.b.cell_road] - under - self.fallen(state.widen, T, T_in))
-
-    def fallen(self, widen, T, T_in=None) -> np.ndarray | float:
-        """By how much (columns,) K widening lowers the surface of a column, `widen` as in `ContactState`.
-
-        `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
-        """
-        if not widen.any():
-            return 0.0
-        b, mesh = self.b, self.b.scene.mesh
-        T_in = b.no_inflow if T_in is None else T_in
-        shape = mesh.last - mesh.first, mesh.n_across
-        out = np.zeros(shape, dtype=np.result_type(widen, T, T_in))
-        start = mesh.start[mesh.first : mesh.last]
-        kernels_2d.fall(start, widen, mesh.planes(T), T_in.reshape(mesh.n_road, -1), out)
-        return out.ravel()
+        return flash, deep, lanes.loss(self.b, now, self.b.scene.mesh.depth)
 
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
@@ -285,7 +222,7 @@ class Interface:
         return contact_flux.solve(
             state,
             T[b.cell_block] + ambient,
-            self.lanes(state, T, T_in) + ambient,
+            lanes.rises(b, state, T, T_in) + ambient,
             b.half_block / kf[b.cell_block],
             b.half_road / kf[b.cell_road],
             law("friction.mu", 0.0),

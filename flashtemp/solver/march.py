@@ -13,6 +13,7 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import inflow, leave, track_of
 from flashtemp.solver.cvode import Integrator, Tolerance
@@ -147,7 +148,7 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
     fresh = entering + 0.0 * road
     if now.track is not None:
-        lane = system.interface.every_lane(system.contact(moment, y).state)[:, None]
+        lane = lanes.everywhere(mesh, system.contact(moment, y).state.lane)[:, None]
         mixed = balance.share + (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
         fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
     everywhere = mesh.everywhere(mesh.road)

@@ -9,6 +9,7 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.numerics import Settings
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.interface import Contact
 from flashtemp.solver.progress import Progress
@@ -101,7 +102,7 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.at(state, moment), T, kf)
         spot = surface + C0
-        lane = system.interface.lanes(state, T, entering) + C0
+        lane = lanes.rises(b, state, T, entering) + C0
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
@@ -124,9 +125,9 @@ def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
     fresh = entering.reshape(mesh.n_road, -1)
     cells, excess = T + C0, mesh.planes(T)[mesh.road] - fresh
-    fallen = np.einsum("jk,ikp->ijp", system.interface.fall_at_depth(contact.state, moment), excess)
-    lane = system.interface.every_lane(contact.state)[:, None]
-    mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fallen)
+    fallen = np.einsum("jk,ikp->ijp", lanes.loss_at_depth(system.b, system.interface.at(contact.state, moment)), excess)
+    lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
+    mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fall * fallen)
     return cells
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.solver import conduction, kernels_2d
+from flashtemp.solver import conduction, kernels_2d, lanes
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import AbrasionCoupling, Contact, Interface
 
 Inflow = Callable[[Any], np.ndarray]  # moment -> rise (n_road n_across,) K that the entering road carries
@@ -123,7 +124,7 @@ class System:
         }
         worn = b.abrades and contact.slopes is not None
         return Linearised(
-            b, gamma, stretch, joined, self.interface, np.real(contact.state.widen), books,
+            b, gamma, stretch, joined, contact.state, books,
             self.solid.linearised(gamma, kf, carry, stretch, slopes, joined),
             self.interface.abrasion_coupling(contact, now, T, T_in, kf, gamma) if worn else None,
         )  # fmt: skip
@@ -172,15 +173,14 @@ class Linearised:
     """A system linearised at one instant: J v, and the preconditioner's P^-1 r for P = I - gamma J.
 
     `stretch` dh/dT (cells,); `rows` {entry of the ledger: (cells, slopes in W/(m K))}, of them `books` {entry: slopes
-    (columns,) with the lanes}; `widen` as in `ContactState`.
+    (columns,) with the road's columns}; `contact` of that state.
     """
 
     b: Balance
     gamma: float
     stretch: np.ndarray
     rows: conduction.Rows
-    interface: Interface
-    widen: np.ndarray
+    contact: ContactState
     books: dict[str, np.ndarray]
     solid: conduction.LinearisedPlane
     coupling: AbrasionCoupling | None
@@ -195,7 +195,7 @@ class Linearised:
         h = v[:n]
         T = h if b.capacity_gradient is None else h / self.stretch
         out[n:] = 0.0
-        fallen = self.interface.fallen(self.widen, T)
+        fallen = lanes.fallen(b, self.contact, T)
         lane = T[b.cell_road] - fallen
         self.solid.product(T, lane, out[:n])
         for name, (index, weight) in self.rows.items():

@@ -19,6 +19,7 @@ from flashtemp.runs.effect_check import remedies
 from flashtemp.runs.effect_check.balance import rich, states
 from flashtemp.runs.effect_check.findings import Finding, judged
 from flashtemp.runs.effect_check.scenes import Bench, Trial, acting_of
+from flashtemp.solver import lanes
 
 CARRIED = ("T", "face", "local_pressure", "spot_fraction", "covered", "friction", "base")  # may pass a derivative on
 WARM = 100.0  # K above ambient: how far laws of temperature are asked
@@ -95,7 +96,8 @@ def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespa
         for balance, system, t, y, _ in states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
             system.rate(t, y, out)
-            system.interface.fall_at_depth(system.contact(system.moment(t), y).state, system.moment(t))
+            now = system.moment(t)
+            lanes.loss_at_depth(balance, system.interface.at(system.contact(now, y).state, now))
             for q in note.questions:
                 kept.setdefault((q.number, shape, system.phase.sliding), q)
             note.questions.clear()

@@ -1,0 +1,108 @@
+"""The lanes that spots draw on the road, out of what its columns hold: where they are in contact, and how they widen.
+
+A column of road cells stands for a constant share of the width and holds all heat that the block has lost there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flashtemp.meshes.mesh import Mesh, centres
+from flashtemp.solver import kernels_2d
+from flashtemp.solver.balance import Balance
+
+SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
+LEFT = 0.05  # of the friction heat goes into the lanes at least
+
+
+# --- lanes begin and end ---------------------------------------------------------------------------------
+def in_contact(b: Balance, phi, now) -> tuple[np.ndarray, np.ndarray]:
+    """Rise of the lanes in contact over that of their columns, and how much more than these they lose by widening.
+
+    A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
+    both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
+    (columns,) is the contact fraction.
+    """
+    if np.ptp(np.real(phi)) == 0.0:
+        return b.share / phi, np.ones(len(phi))
+    mesh = b.scene.mesh
+    phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
+    least = SPARSE * np.real(phi).mean(axis=0)
+    here = np.where(np.real(phi) < least, least, phi)
+    weights = b.memory(now.slid)
+    out = np.empty((2, *phi.shape), dtype=np.result_type(phi, p))
+    for j in range(mesh.n_across):
+        both = np.where(np.real(here[:, j, None]) < np.real(phi[:, j]), here[:, j, None], phi[:, j])
+        common = [(W * both) / here[:, j, None] for W in weights]
+        flux = _taken(b, p[:, j] / phi[:, j], common[0], here[:, j], now)
+        for k, W in enumerate(weights):
+            out[k, :, j] = common[k] @ flux / (W @ (flux * phi[:, j]))
+    warm, lost = out.reshape(2, -1)
+    return b.share * warm, lost / warm
+
+
+def _taken(b: Balance, heat, warming, phi, now) -> np.ndarray:
+    """Flux (lines under the block,) of the lanes in some unit: friction `heat` p/phi less what goes up into the block.
+
+    That is what a half-space takes which has been as warm as the lanes since the start.
+    """
+    v = now.speed if now.speed > 0.0 else now.last_speed
+    t = max(now.contact_time - now.waited, b.scene.length / v)
+    into_block = b.scene.block.effusivity / (b.scene.road.effusivity * np.sqrt(v * t) * np.pi)
+    flux = heat
+    for _ in range(3):
+        up = into_block * (warming @ flux) / phi
+        flux = np.where(np.real(up) < (1.0 - LEFT) * np.real(heat), heat - up, LEFT * heat)
+    return flux
+
+
+def everywhere(mesh: Mesh, columns) -> np.ndarray:
+    """What lanes have under the block (columns,), on all lines (n_lines, n_across): behind it as at its end."""
+    every = np.ones((mesh.n_lines, mesh.n_across))
+    every[mesh.first : mesh.last] = np.real(columns).reshape(-1, mesh.n_across)
+    every[mesh.last :] = every[mesh.last - 1]
+    return every
+
+
+# --- lanes widen -----------------------------------------------------------------------------------------
+def loss(b: Balance, now, edges) -> np.ndarray:
+    """Weights (..., n_road) of the cells, deepest first, between distances `edges` (..., n_road + 1) m."""
+    overlap = b.laws("road.lane_overlap", 1.0, None, now, edges) * np.ones(edges.shape)
+    return (overlap[..., :-1] - overlap[..., 1:])[..., ::-1]
+
+
+def loss_at_depth(b: Balance, now) -> np.ndarray:
+    """Weights (n_road, n_road) of a column's rises by which its lanes lie below them at every depth.
+
+    At the surface they are `ContactState.widen`: heat at a depth z has come from there by sqrt(z^2 + r^2).
+    """
+    depth = b.scene.mesh.depth
+    apart = np.sqrt(np.maximum(depth**2 - centres(depth)[::-1, None] ** 2, 0.0))
+    return (1.0 - b.laws("contact.resolved", 0.0, None, now)) * loss(b, now, apart)
+
+
+def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray | float:
+    """By how much (columns,) K widening lowers the surface of a column, at a `ContactState`.
+
+    `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
+    """
+    if not state.widen.any():
+        return 0.0
+    mesh = b.scene.mesh
+    T_in = b.no_inflow if T_in is None else T_in
+    shape = mesh.last - mesh.first, mesh.n_across
+    out = np.zeros(shape, dtype=np.result_type(state.widen, T, T_in))
+    start = mesh.start[mesh.first : mesh.last]
+    kernels_2d.fall(start, state.widen, mesh.planes(T), T_in.reshape(mesh.n_road, -1), out)
+    lowered: np.ndarray = state.fall * out.ravel()
+    return lowered
+
+
+def rises(b: Balance, state: Any, T, T_in) -> np.ndarray:
+    """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over road entering at T_in."""
+    mesh = b.scene.mesh
+    under = np.tile(T_in[-mesh.n_across :], mesh.last - mesh.first)
+    found: np.ndarray = under + state.lane * (T[b.cell_road] - under - fallen(b, state, T, T_in))
+    return found

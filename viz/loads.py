@@ -56,19 +56,20 @@ def _curves(ax, found, i: int) -> None:
 
 
 def _bars(ax, found) -> None:
-    shares = found.shares()
+    shares, own = found.shares(), found.own()
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         at = np.arange(len(found.speed)) + (k - 0.5 * (len(shares) - 1)) * width
         fill = COLOURS[name] if name in found.acting else "white"  # hollow: not in the case
         ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=fill, edgecolor=COLOURS[name], lw=0.8)
+        ax.plot(at, 100 * np.expm1(own[name]), "D", ms=2.8, mfc="white", mec="black", mew=0.6)
     total = 100 * np.expm1(found.change(found.every))
     ax.plot(np.arange(len(found.speed)), total, "k_", ms=34, mew=1.8)
     ax.annotate("the case", (0, total[0]), (-18, 3), textcoords="offset points", ha="left", fontsize=7.0)
     ax.axhline(0.0, color="black", lw=0.6)
     ax.set_xticks(np.arange(len(found.speed)), [f"{v:g} m/s" for v in found.speed])
     low, high = found.pressure[[0, -1]] / 1e6
-    ax.set(ylabel="change of friction (%)", title=f"what each changes from {low:g} to {high:g} MPa")
+    ax.set(ylabel="change of friction (%)", title=f"share of each from {low:g} to {high:g} MPa; diamonds: alone")
 
 
 def _steps(ax, found) -> None:

@@ -14,6 +14,7 @@ from flashtemp.solver import kernels_2d
 from flashtemp.solver.balance import Balance
 
 SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
+TRACE = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
 LEFT = 0.05  # of the friction heat goes into the lanes at least
 
 
@@ -25,18 +26,19 @@ def in_contact(b: Balance, phi, now) -> tuple[np.ndarray, np.ndarray]:
     both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
     (columns,) is the contact fraction.
     """
-    if np.ptp(np.real(phi)) == 0.0:
+    if np.isrealobj(phi) and np.ptp(phi) == 0.0:
         return b.share / phi, np.ones(len(phi))
     mesh = b.scene.mesh
     phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
-    least = SPARSE * np.real(phi).mean(axis=0)
-    here = np.where(np.real(phi) < least, least, phi)
+    least = SPARSE * phi.mean(axis=0)
+    here = np.where(np.real(phi) < np.real(least), least, phi)
     weights = b.memory(now.slid)
     out = np.empty((2, *phi.shape), dtype=np.result_type(phi, p))
     for j in range(mesh.n_across):
         both = np.where(np.real(here[:, j, None]) < np.real(phi[:, j]), here[:, j, None], phi[:, j])
         common = [(W * both) / here[:, j, None] for W in weights]
-        flux = _taken(b, p[:, j] / phi[:, j], common[0], here[:, j], now)
+        heat = p[:, j] / phi[:, j]
+        flux = _taken(b, heat + TRACE * heat.mean() + TRACE, common[0], here[:, j], now)
         for k, W in enumerate(weights):
             out[k, :, j] = common[k] @ flux / (W @ (flux * phi[:, j]))
     warm, lost = out.reshape(2, -1)

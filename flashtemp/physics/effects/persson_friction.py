@@ -29,10 +29,7 @@ class PerssonFriction(Effect):
     weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)
     rubber = Param("A", "1", "name of a ready rubber; master_curve takes its place", kinds=("name",))
     master_curve = Param(
-        None,
-        "rad/s, Pa, Pa",
-        "frequency, storage and loss modulus: CSV file, rows, or an analytic curve",
-        kinds=("text", "table"),
+        None, "rad/s, Pa, Pa", "frequency, storage, loss modulus: CSV file, rows or a law", kinds=("text", "table")
     )
     wlf = Param(None, "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
@@ -78,9 +75,8 @@ class PerssonFriction(Effect):
         if p.weight == 0:
             return
         look = friction_table.Reading(lambda: _tabulated(scene, p))
-        depths = (
-            theory_inputs.depths(p.theory, scene.speeds[1], scene.ambient, scene.load, SHALLOW) if p.in_depth else []
-        )
+        fastest = p.theory, scene.speeds[1], scene.ambient, scene.load, SHALLOW
+        depths = theory_inputs.depths(*fastest) if p.in_depth else []
         inside = sum(share for share, _ in depths)
 
         def law(T, now, p):
@@ -91,13 +87,12 @@ class PerssonFriction(Effect):
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
         def fraction(T, now, p):
-            v = max(now.last_speed, friction_table.SLOWEST)
-            face = scene.ambient if now.face is None else now.face
+            v, face = max(now.last_speed, friction_table.SLOWEST), scene.ambient if now.face is None else now.face
             return 1.0 + p.weight * (covering(v, now.local_pressure, face) / now.base - 1.0)
 
         yield Factor("friction.mu", law)
         if p.spots == "theory":
-            warm = scene.ambient + np.linspace(-friction_table.BELOW, friction_table.ABOVE, friction_table.NODES)
+            warm = friction_table.temperatures(scene.ambient)
             covering = p.theory.covering(2 * np.pi / scene.spot_diameter, warm, scene.load)
             yield Factor("contact.spot_fraction", fraction)
         for share, depth in depths:

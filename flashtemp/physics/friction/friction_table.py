@@ -33,6 +33,12 @@ LIGHT = 1.0  # Pa: below, friction is that at this pressure
 SLOWEST = 1e-7  # m/s: friction at rest is that of creep
 
 
+def temperatures(ambient: float) -> Array:
+    """Temperatures (n,) K of face and spots at which friction is computed."""
+    found: np.ndarray = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
+    return found
+
+
 def flash_share(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
     """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
     found: np.ndarray = felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
@@ -232,7 +238,7 @@ def _tabulated(
     count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
     logv = np.linspace(np.log(low), np.log(high), count)
     logp = np.linspace(np.log(p / REACH), np.log(p * REACH), PRESSURES)
-    T = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
+    T = temperatures(ambient)
     axes = [a.tolist() for a in (logv, T, logp)]
     made_of = hashlib.sha256(repr((EQUATIONS, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
     if (kept := _kept(folder, made_of)) is not None:

@@ -75,8 +75,8 @@ def stranger(monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
 
 
-def line_of(capsys, argv) -> str:
-    assert main([str(a) for a in argv]) == 2
+def line_of(capsys, argv, code: int = 2) -> str:
+    assert main([str(a) for a in argv]) == code
     out, err = capsys.readouterr()
     assert out == ""
     [line] = err.splitlines()
@@ -194,6 +194,17 @@ def test_fault_is_told_with_file_line_and_remedy(name, tmp_path, capsys):
     line = line_of(capsys, ["check", written(tmp_path / "case", **given)])
     assert re.search(said, line), line
     assert remedy in line
+
+
+def test_a_law_that_fails_on_the_way_is_told_with_its_line(tmp_path, capsys):
+    """It holds at the start and breaks after 5 cm: one line, exit code 1, nothing half-written."""
+    text = DUST.replace("1.0 - p.rate * now.slid)", "1.0 if now.slid < 0.05 else {}[now.slid])")
+    line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
+    assert "effect 'dust'" in line
+    assert f"dust.py:{text[: text.index('{}[')].count(chr(10)) + 1})" in line
+    assert "KeyError" in line
+    assert "after t = " in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_two_files_of_one_name(tmp_path, capsys):

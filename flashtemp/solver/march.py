@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -100,8 +101,9 @@ def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Calla
             now.t, now.y, now.steps = t, y, before + solver.steps
             if stop():
                 raise KeyboardInterrupt
-    except SolverFailure as fault:
-        raise SolverFailure(_explain(system, now.t, now.y, fault)) from fault
+    except Exception as fault:
+        _tell(system, now, fault)
+        raise
     finally:
         for name, count in solver.calls.items():
             now.calls[name] += count
@@ -114,6 +116,24 @@ def _tolerance(system: System, settings: Settings) -> Tolerance:
     if phase.sliding and pace > 0:
         longest = min(longest, 1.0 / pace)
     return Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, longest)
+
+
+def _tell(system: System, now: Progress, fault: Exception) -> None:
+    """Raise SolverFailure with time, place and effect where a solve or a law fails."""
+    if isinstance(fault, SolverFailure):
+        raise SolverFailure(_explain(system, now.t, now.y, fault)) from fault
+    if (said := _law_at_fault(system.b.scene, fault)) is not None:
+        raise SolverFailure(f"{said}; after t = {now.t:.6g} s") from fault
+
+
+def _law_at_fault(scene: Scene, fault: Exception) -> str | None:
+    """The effect in whose file an exception arose, with the line; None where no law is to blame."""
+    names = {type(a.effect).heat.__code__.co_filename: a.name for a in scene.acting}
+    for at in reversed(traceback.extract_tb(fault.__traceback__)):
+        if at.filename in names:
+            said = f"{type(fault).__name__}: {fault}"
+            return f"effect '{names[at.filename]}' ({at.filename}:{at.lineno}): its law fails: {said}; repair that line"
+    return None
 
 
 def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> str:

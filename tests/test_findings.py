@@ -14,7 +14,9 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import Seeing
 from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
+from flashtemp.discovery import wording
 from flashtemp.discovery.verdict import KINDS, Cause, Estimate, Fitness, Missing, OwnValue, Pull, Rival, Test, Verdict
+from flashtemp.physics.effect import catalogue
 from flashtemp.viz import (
     before_after,
     candidates,
@@ -476,3 +478,26 @@ def test_what_was_not_tried_has_no_bar_and_no_score():
     assert len(candidates.why(v).axes[0].patches) == len(RIVALS)
     row = next(r for r in Reader(verdict_report.text(v)).table("candidate") if r[0] == "spots")
     assert row[1:4] == ["–", "–", "not tried"]
+
+
+# --- the verdict in words --------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("named", "ln Bayes factor"),
+        ("weak", "A hint, no proof: Cause:"),
+        ("group", "these data cannot tell which of these it is"),
+        ("unexplained", "not in the catalogue: pressure modes beyond what fits"),
+        ("none_needed", "No extension is needed"),
+    ],
+)
+def test_every_verdict_is_said_in_words(kind, said):
+    """The first sentence says what is missing; it names no cause for sure unless the verdict does."""
+    gates = {"generic structure left": (-310.0, -150.0), "pressure modes": (42.0, 20.0)}
+    made = replace(verdict(kind), gates=gates, group=("wear", "radiation") if kind == "group" else ())
+    first, *_ = wording.says(made, catalogue())
+    assert said in first
+    assert first.startswith("Cause:") == (kind == "named")
+    if kind == "group":
+        assert "(wear)" in first
+        assert "(radiation)" in first

@@ -16,9 +16,9 @@ from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.search import calibrate
+from flashtemp.discovery.search import _typical, calibrate
 from flashtemp.model.case import load
-from flashtemp.physics.effect import find
+from flashtemp.physics.effect import Param, find
 from flashtemp.runs.workers import crew
 
 KNOWN_WELL = ("friction.mu", "contact.spot_fraction")  # what shows clearly in a few seconds of sliding
@@ -203,3 +203,12 @@ def test_a_shape_stays_within_its_bounds(resistive):
     descent, seen = fitted(resistive, "heat_depth", {"share": 0.9, "depth": 4e-3})
     inside("heat_depth", seen)
     assert len(seen) == len(descent.history) + 1
+
+
+@pytest.mark.parametrize(("change", "value"), [(0.2, 0.5), (-0.2, -0.5), (-4.0, -0.5)])
+def test_a_typical_strength_has_the_sign_of_the_trace(change, value):
+    """Where that is possible: a law with a bound at `off` goes the only way there is."""
+    free, bound = Param(0.0, "1", "", low=-1.0, high=1.0, off=0.0), Param(0.0, "1", "", low=0.0, high=1.0, off=0.0)
+    for param, expected in ((free, value), (bound, 0.5)):
+        candidate = SimpleNamespace(params={"a": param}, strengths={"a": 0.5})
+        assert _typical(SimpleNamespace(candidate=candidate, values={"a": 0.0}, amplitude=[change])) == {"a": expected}

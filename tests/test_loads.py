@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flashtemp.__main__ import main
@@ -108,6 +108,7 @@ def test_what_two_do_only_together_is_shared_by_them_and_told_apart(found):
     assert "only together: softening with heating +4.1 %" in str(one)
 
 
+@settings(deadline=None, max_examples=20)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=31, max_size=31))
 def test_shares_are_the_mean_over_all_orders(values):
     """Shapley's value by its own definition: what a process adds, over the 120 orders; the sum is the whole."""

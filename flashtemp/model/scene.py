@@ -29,7 +29,6 @@ class Moment(NamedTuple):
     contact_time: float  # s since this repetition started
     waited: float  # s since sliding stopped, 0 while sliding
     last_speed: float  # m/s before the stop, the speed itself while sliding
-    history: Any  # speed as a Series of the time since this repetition started
     touching: bool  # False while the block is lifted
     ambient: float  # air and initial temperature, K
     repetition: int = 1
@@ -137,12 +136,11 @@ class Scene:
         if phase.sliding:
             v = s.speed(since)
             return Moment(
-                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, s.speed, True, self.ambient,
-                phase.repetition,
-            )  # fmt: skip
+                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, True, self.ambient, phase.repetition
+            )
         waited = t - phase.begin
         return Moment(
-            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(), s.speed,
+            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(),
             not s.lifted, self.ambient, phase.repetition,
         )  # fmt: skip
 

@@ -18,9 +18,9 @@ from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
 from flashtemp.solver.winkler import Foundation
 
-LEDGER = ("friction", "into_road", "lane_in", "lane_out", "lane_air")
-NETS = {"friction": 1.0, "into_road": -1.0}  # how entries of the ledger add to the heat in block and road together
-LANES = {"lane_in": 1.0, "lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
+LEDGER = ("friction", "into_road", "lane_out", "lane_air")
+NETS = {"friction": 1.0, "into_road": 0.0}  # how entries of the ledger add to the heat in block and road together
+LANES = {"lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
 FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
@@ -92,19 +92,6 @@ class Balance:
         deep = mesh.everywhere(mesh.block[:, : len(weight)])
         return weight, np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
 
-    def memory(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
-        """Weights (lines, lines under the block) of fluxes at x' over `slid` m of road.
-
-        On its surface, as 1/sqrt(x - x'), and on what it loses sideways, which grows by the square root more: evenly.
-        """
-        mesh = self.scene.mesh
-        way = min(max(slid, mesh.dx_block[0]), mesh.x[mesh.last])
-        return self._memory if way == mesh.x[mesh.last] else _along(mesh, way)
-
-    @cached_property
-    def _memory(self) -> tuple[np.ndarray, np.ndarray]:
-        return _along(self.scene.mesh, self.scene.mesh.x[self.scene.mesh.last])
-
     @cached_property
     def nonlinear_conductivity(self) -> bool:
         return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
@@ -160,11 +147,3 @@ class Balance:
         mesh = self.scene.mesh
         E = self.capacity * (mesh.planes(y[: self.n]) @ mesh.share)
         return float(E[mesh.block].sum()), float(E[mesh.road].sum())
-
-
-def _along(mesh, way: float) -> tuple[np.ndarray, np.ndarray]:
-    """Integrals of 1/sqrt(x - x') and of 1 over every line, as far as `way` (m) upstream of the centre of each line."""
-    x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
-    apart = np.clip(x - edges, 0.0, way)
-    root = np.sqrt(apart)
-    return 2.0 * (root[:, :-1] - root[:, 1:]), apart[:, :-1] - apart[:, 1:]

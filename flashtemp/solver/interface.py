@@ -41,6 +41,8 @@ class Recent:
     shape: np.ndarray | None = None  # pressure over its mean (columns,)
     fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
     spread: tuple = ()
+    way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
+    memory: tuple = ()
     spot: np.ndarray | None = None  # temperature (columns,) K in the spots
     friction: float = 0.0  # load-weighted, where the holder turns
 
@@ -123,11 +125,11 @@ class Interface:
     def _recall(self, now) -> None:
         """Keep of `recent` what still holds."""
         D = self.b.scene.spot_diameter
-        if self.b.laws.restless or len(now.history.value) > 1:
+        if self.b.laws.restless:
             self.recent.forget((now.t,))
         else:  # nothing changes once a spot has passed over the rubber
             passed = min(now.slid, D), min(now.contact_time - now.waited, D / now.last_speed)
-            self.recent.forget((now.pressure, now.touching, *passed, now.waited))
+            self.recent.forget((now.pressure, now.speed, now.last_speed, now.touching, *passed, now.waited))
 
     def state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
@@ -145,7 +147,7 @@ class Interface:
             seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
             recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
         covered, flash, deep, widen = recent.spread
-        lane, fall = lanes.in_contact(self.b, phi, now)
+        lane, fall = lanes.in_contact(self.b, phi, now, self._memory)
         light = local / max(LIGHT * now.pressure, 1e-300)
         light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
         speed = now.speed if now.touching else 0.0
@@ -181,6 +183,14 @@ class Interface:
             road=block / self.b.share,
             half=state.half + w * (1.0 - state.half),
         )
+
+    def _memory(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
+        """`lanes.weights` after `slid` m; they stay as they are once the block has slid by its length."""
+        mesh, recent = self.b.scene.mesh, self.recent
+        way = lanes.way(mesh, slid)
+        if way != recent.way:
+            recent.way, recent.memory = way, lanes.weights(mesh, way)
+        return recent.memory
 
     def _spread(self, now):
         """Flash resistances of surface and depth, and how lanes widen: these see phi only."""
@@ -255,7 +265,8 @@ class Interface:
             b,
             face=_slope(state.block * pressed.into_block * area),
             deep=_slope(state.block * pressed.deep * area),
-            books=(_slope(state.block * pressed.heat * area), _slope(state.block * road), _slope(state.road * road)),
+            road=_slope(state.road * road),
+            books=(_slope(state.block * pressed.heat * area), _slope(state.block * road)),
             abrasion=abrasion,
             warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             response=response,
@@ -272,15 +283,16 @@ def _slope(values) -> np.ndarray:
 class AbrasionCoupling:
     """The linearised way from abrasion to pressure to heat, and back: for Newton's method and its preconditioner.
 
-    Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `books` of
-    friction, heat into the road and into its lanes (W/m), `abrasion` of its rate; `warm` slopes of that rate with the
-    temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
+    Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `road` into the
+    road's cells, `books` of friction and of all heat into the road (W/m), `abrasion` of its rate; `warm` slopes of that
+    rate with the temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
     """
 
     b: Balance
     face: np.ndarray
     deep: np.ndarray
-    books: tuple[np.ndarray, np.ndarray, np.ndarray]
+    road: np.ndarray
+    books: tuple[np.ndarray, np.ndarray]
     abrasion: np.ndarray
     warm: tuple[Any, ...]
     response: Response
@@ -290,20 +302,20 @@ class AbrasionCoupling:
         """Change of pressure (columns,) Pa by a change of the worn depth in the state."""
         return self.response(worn * self.b.worn_unit)
 
-    def heated(self, block: np.ndarray, road: np.ndarray) -> np.ndarray:
+    def heated(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
         """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""
-        return self.warm[0] * block + self.warm[1] * road
+        return self.warm[0] * block + self.warm[1] * lane
 
     def add(self, dp: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:
         """Add what a change of pressure dp (columns,) does to the rate of cells, worn depth and ledger."""
         b = self.b
         heat = np.zeros(b.n)
         heat[b.cell_block] = scale * self.face * dp
-        heat[b.cell_road] = scale * self.books[2] * dp
+        heat[b.cell_road] = scale * self.road * dp
         if len(b.weight):
             kernels_2d.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
         mesh = b.scene.mesh
         mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
         out[b.worn] += scale / b.worn_unit * self.abrasion * dp
-        for name, slope in zip(("friction", "into_road", "lane_in"), self.books, strict=True):
+        for name, slope in zip(("friction", "into_road"), self.books, strict=True):
             out[b.entry[name]] += scale * (slope @ dp)

@@ -5,6 +5,7 @@ A column of road cells stands for a constant share of the width and holds all he
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,12 @@ LEFT = 0.05  # of the friction heat goes into the lanes at least
 
 
 # --- lanes begin and end ---------------------------------------------------------------------------------
-def in_contact(b: Balance, phi, now) -> tuple[np.ndarray, np.ndarray]:
+def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[np.ndarray, np.ndarray]:
     """Rise of the lanes in contact over that of their columns, and how much more than these they lose by widening.
 
     A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
     both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
-    (columns,) is the contact fraction.
+    (columns,) is the contact fraction; `memory` gives the `weights` of a distance slid (m).
     """
     if np.isrealobj(phi) and np.ptp(phi) == 0.0:
         return b.share / phi, np.ones(len(phi))
@@ -32,7 +33,7 @@ def in_contact(b: Balance, phi, now) -> tuple[np.ndarray, np.ndarray]:
     phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
     least = SPARSE * phi.mean(axis=0)
     here = np.where(np.real(phi) < np.real(least), least, phi)
-    weights = b.memory(now.slid)
+    weights = memory(now.slid)
     out = np.empty((2, *phi.shape), dtype=np.result_type(phi, p))
     for j in range(mesh.n_across):
         both = np.where(np.real(here[:, j, None]) < np.real(phi[:, j]), here[:, j, None], phi[:, j])
@@ -43,6 +44,22 @@ def in_contact(b: Balance, phi, now) -> tuple[np.ndarray, np.ndarray]:
             out[k, :, j] = common[k] @ flux / (W @ (flux * phi[:, j]))
     warm, lost = out.reshape(2, -1)
     return b.share * warm, lost / warm
+
+
+def way(mesh: Mesh, slid: float) -> float:
+    """Length (m) of road under the block and in front of it that has been slid over, `slid` (m) after a start."""
+    return float(min(max(slid, mesh.dx_block[0]), mesh.x[mesh.last]))
+
+
+def weights(mesh: Mesh, way: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (lines, lines under the block) of fluxes at x' as far as `way` (m) upstream of the centre of each line.
+
+    On the road's surface, as 1/sqrt(x - x'), and on what it loses sideways, which grows by a root more: evenly.
+    """
+    x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
+    apart = np.clip(x - edges, 0.0, way)
+    root = np.sqrt(apart)
+    return 2.0 * (root[:, :-1] - root[:, 1:]), apart[:, :-1] - apart[:, 1:]
 
 
 def _taken(b: Balance, heat, warming, phi, now) -> np.ndarray:

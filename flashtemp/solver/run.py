@@ -244,4 +244,4 @@ class Run(Shown):
         return Sheet(f"Run '{self.title}'", rows, notes=s.get("remarks", ()), parts=[heat, friction])
 
 
-NOT_LOSSES = {"friction", "into_road", "lane_in", "lane_out", "lane_air", "block", "lanes", "share"}
+NOT_LOSSES = {"friction", "into_road", "lane_out", "lane_air", "block", "lanes", "share"}

@@ -91,7 +91,6 @@ class System:
             kernels_2d.deposit(b.deep_cells, b.weight, state.block * flux.deep * area, q)
         led["friction"] = (state.block * flux.heat * area).sum()
         led["into_road"] = (state.block * road).sum()
-        led["lane_in"] = (state.road * road).sum()
 
     def _leaving(self, T, h, T_in, h_in, carry):
         """Heat (W/m) that the road carries out of the window, less what it brings in."""
@@ -148,7 +147,7 @@ def _contact_slopes(b: Balance, contact: Contact, at_walls):
             deposits = face * d.deep[0], face * d.deep[1]
         own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
         along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
-        for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road), ("lane_in", lane, d.road)):
+        for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
             books[name] = w * slopes[1]
             rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, books[name])]
     cell = np.concatenate([np.empty(0, dtype=np.int64), *(cells for cells, _ in own)])

@@ -47,12 +47,7 @@ class PerssonFriction(Effect):
     shear_width = Param(0.1, "1", "width c of its bell over log10 speed", low=0.0, high=10.0)
     shear_speed = Param(6e-3, "m/s", "speed of its maximum at 20 degC", low=1e-12, high=1e3)
     activation = Param(1.0, "eV", "activation energy of its shift with temperature", low=0.0, high=5.0)
-    spots = Param(
-        "given",
-        "1",
-        'contact fraction: contact.spot_fraction, or "theory": P(2 pi/diameter) at the face',
-        kinds=("name",),
-    )
+    spots = Param("given", "1", 'contact fraction: "given", or "theory": P(2 pi/diameter) at the face', kinds=("name",))
     in_depth = Param(True, "1", "release the viscoelastic heat where the theory says", kinds=("flag",))
     extrapolate = Param(True, "1", "false: refuse where friction comes from beyond the measured range", kinds=("flag",))
     saturation = Param(True, "1", "false: area in contact proportional to load without bound", kinds=("flag",))

@@ -153,7 +153,7 @@ def heat_weights(balance: Balance, share: float) -> np.ndarray:
     mesh = balance.scene.mesh
     w[: balance.n] = np.outer(balance.capacity, mesh.share).ravel()
     w[mesh.everywhere(mesh.road)] *= share
-    signs = {"friction": -1.0, "into_road": 1.0, "lane_in": -share, "lane_out": share, "lane_air": -share}
+    signs = {"friction": -1.0, "into_road": 0.0, "lane_out": share, "lane_air": -share}
     for entry, i in balance.entry.items():
         w[i] = signs.get(entry, -1.0)
     return w

@@ -13,7 +13,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.experiment_design import SURE, plan
-from flashtemp.discovery.prediction import predict
+from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue
@@ -206,3 +207,38 @@ def test_what_is_only_planned_cannot_be_discovered(written, tmp_path, capsys):
     assert main(["discover", str(written(planned("{}"))), "--out", str(tmp_path / "out")]) == 2
     assert "flashtemp plan" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+FAST = """
+[block]
+height = 0.005
+[schedule]
+speed = 3.0
+distance = 0.5
+[road]
+material = "stone"
+[materials.stone]
+conductivity = 2.0
+density = 2300.0
+heat_capacity = 950.0
+[numerics]
+mesh = 0.4
+"""
+
+
+def test_a_key_that_the_default_mesh_follows_may_move(tmp_path):
+    """Above 1 m/s the first cell of the road follows speed and diffusivity; a condition keeps its mesh all the same."""
+    key = "materials.stone.conductivity"
+    text = planned("{}", '{ "schedule.speed" = 9.0 }', views=("sidewall",)).replace("friction.mu", key)
+    (tmp_path / "case.toml").write_text(FAST)
+    (tmp_path / "campaign.toml").write_text(text)
+    with crew(predict, 1) as run:
+        problem = prepare(campaign.load(tmp_path, planned=True), run)
+        slow, fast = problem.tasks(problem.start, Derivatives(own=problem.free))
+        for task in (slow, fast):
+            base = task.case.with_values(task.given | task.pins)
+            moved = problem.start.moved(ParameterId.of_key(key), 0.1).on(base)
+            np.testing.assert_array_equal(moved.scene.mesh.depth, base.scene.mesh.depth)
+        [shown] = problem.predictions([fast])
+    [seen] = shown.observables.values()
+    assert np.abs(seen.columns[ParameterId.of_key(key)]).max() > 0.1

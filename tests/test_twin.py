@@ -14,7 +14,7 @@ from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.recording import load as recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare, words
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.twin import SEALED, Plan, discretisation, twin
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 
@@ -107,6 +107,16 @@ def test_the_truth_is_made_by_another_discretisation(case, null):
     assert np.diff(fine.x)[fine.first] < np.diff(coarse.x)[coarse.first] / 1.75  # graded more than the factor makes it
     assert truth["numerics.rtol"] < believed["numerics.rtol"]
     assert truth["numerics.order"] != believed["numerics.order"]
+
+
+def test_the_truth_of_a_fast_block_has_finer_first_cells(case):
+    """Where the default mesh follows speed and time of sliding, the truth's follows its fastest condition."""
+    given = {"schedule.speed": 4.0, "schedule.distance": 0.02, "numerics.mesh": 1.0}
+    quick = case.with_values(given)
+    told = discretisation(quick, np.random.default_rng(1))
+    truth, believed = quick.with_values(told).scene.mesh, quick.scene.mesh
+    assert truth.height[1] < believed.height[1] / 1.75
+    assert truth.depth[1] < believed.depth[1] / 1.75
 
 
 def test_the_truth_is_sealed(made, tmp_path):

@@ -17,6 +17,7 @@ import numpy as np
 from flashtemp.camera import synthetic
 from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.errors import BadInput, nearest
+from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.numerics import available, choose
 from flashtemp.model.schema import declared, refinement
@@ -115,7 +116,8 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
     (work / "case.toml").write_text(believed.toml(believed.copy_files(work)), encoding="utf-8")
     strengths = {name: strength(name, case, rng) for name in plan.hidden}
     drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in KNOWN.items()}
-    numerics = discretisation(case, rng)
+    fastest = max(f for _, f in CONDITIONS[: plan.conditions]) * case["schedule.speed"]
+    numerics = discretisation(case.with_values({"schedule.speed": fastest}), rng)
     truth: dict[str, Any] = {
         "hidden": strengths,
         "nuisance": drawn,
@@ -180,7 +182,7 @@ def discretisation(case: Case, rng) -> dict[str, Any]:
     finer = refinement(n["mesh"]) * float(rng.uniform(1.75, 2.0))
     out = {
         "numerics.mesh": finer,
-        "numerics.first_block": (n["first_block"] or 4e-6) * float(rng.uniform(0.6, 0.8)),
+        "numerics.first_block": first_cells(case.scene, n)["numerics.first_block"] * float(rng.uniform(0.6, 0.8)),
         "numerics.rtol": n["rtol"] / 10,
         "numerics.order": 2 if n["order"] == 3 else 3,
     }

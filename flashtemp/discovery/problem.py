@@ -15,6 +15,7 @@ from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
 
@@ -95,7 +96,8 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
 
 def _may_move(campaign: Campaign, case: Case, key: str) -> None:
     """BadInput unless a key can move while mesh and schedule stay."""
-    scene, moved = case.scene, case.with_values({key: case[key] * 0.99}).scene
+    pins = first_cells(case.scene, case.values["numerics"])
+    scene, moved = case.with_values(pins).scene, case.with_values(pins | {key: case[key] * 0.99}).scene
     same = all(np.array_equal(getattr(moved.mesh, k), getattr(scene.mesh, k)) for k in ("x", "height"))
     if not same or moved.schedule.end != scene.schedule.end:
         what = "schedule" if same else "mesh"
@@ -113,6 +115,7 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
     return window(case, condition.views) | {
         "road.depth": float(max(m.depth[-1] for m in meshes)),
         "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,
+        "numerics.first_road": first_cells(case.scene, case.values["numerics"])["numerics.first_road"],
     }
 
 

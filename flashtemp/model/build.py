@@ -176,10 +176,8 @@ def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers
     """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed."""
     level = refinement(v.numerics.mesh)
     refine = tuple(level * f for f in v.numerics.finer)
-    first = _first_cell(v, refine[1], depths, math.sqrt(block.diffusivity * schedule.slide_time))
-    first_road = v.numerics.first_road
-    if first_road is None:
-        first_road = min(3e-6, LAYER * math.sqrt(road.diffusivity * v.block.length / max(schedule.speed.value)))
+    first = _first_cell(v, refine[1], depths, _first_block(v.numerics.first_block, block, schedule, depths))
+    first_road = _first_road(v.numerics.first_road, road, v.block.length, schedule)
     _check_cells(v, level, refine)
     return block_on_road.build(
         length=v.block.length,
@@ -202,11 +200,36 @@ def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers
     )
 
 
-def _first_cell(v: Any, refine: float, depths: list[float], layer: float) -> float:
-    """First cell (m) of the block at the interface; where not given, within the depths and the heated `layer` (m)."""
-    first = v.numerics.first_block
-    if first is None:
-        first = max(2e-7, min([4e-6, LAYER * layer] + [d / 2 for d in depths]))
+def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, float]:
+    """First cells (m) of block and road at mesh = 1, as keys of a case: given by its `numerics`, or by the rules.
+
+    Keys so pinned keep the mesh of a scene while what the rules look at moves: speed, diffusivity, depth of heat.
+    """
+    said = [part for acting in built.acting for part in acting.contributions(built)]
+    depths = _depths([part for part in said if isinstance(part, Deposit)])
+    return {
+        "numerics.first_block": _first_block(numerics["first_block"], built.block, built.schedule, depths),
+        "numerics.first_road": _first_road(numerics["first_road"], built.road, built.length, built.schedule),
+    }
+
+
+def _first_block(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:
+    """First cell (m) of the block at the interface; where not given, within the depths and the heated layer."""
+    if given is not None:
+        return given
+    layer = LAYER * math.sqrt(block.diffusivity * schedule.slide_time)
+    return float(max(2e-7, min([4e-6, layer] + [d / 2 for d in depths])))
+
+
+def _first_road(given: float | None, road: Material, length: float, schedule: Schedule) -> float:
+    """First cell (m) of the road at the interface; where not given, within the layer heated during a passage."""
+    if given is not None:
+        return given
+    return float(min(3e-6, LAYER * math.sqrt(road.diffusivity * length / max(schedule.speed.value))))
+
+
+def _first_cell(v: Any, refine: float, depths: list[float], first: float) -> float:
+    """The first cell (m) of the block at the interface, if it is fine enough for the depths and the block."""
     if depths and first / max(refine, 1e-9) > 4 * min(depths):
         raise BadInput(
             f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "

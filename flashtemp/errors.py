@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+
+WORD = re.compile(r"[^\s/]{256,}")  # longer than the name of any file
+MANY = 16  # names in a message
 
 
 class FlashtempError(Exception):
@@ -21,8 +25,8 @@ class BadInput(FlashtempError):
     """
 
     def __init__(self, *lines: str):
-        super().__init__("\n".join(lines))
-        self.lines = lines
+        self.lines = tuple(WORD.sub(lambda word: short(word[0]), line) for line in lines)
+        super().__init__("\n".join(self.lines))
 
 
 class SolverFailure(FlashtempError):
@@ -37,6 +41,15 @@ class Interrupted(FlashtempError):
         self.path = path
 
 
+def short(text: str) -> str:
+    """A text for a message, cut where nobody would read on.
+
+    >>> short("7" * 500)[-20:]
+    '... (500 characters)'
+    """
+    return text if len(text) <= 200 else f"{text[:160]}... ({len(text)} characters)"
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
 
@@ -47,4 +60,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     match = [k for k in known if k.lower() == name.lower()] or get_close_matches(name, known, n=1, cutoff=0.5)
     if match:
         return f"; did you mean '{match[0]}'?"
-    return f"; known are {', '.join(known)}" if known else "; nothing can stand here"
+    if not known:
+        return "; nothing can stand here"
+    more = f" and {len(known) - MANY} more" if len(known) > MANY else ""
+    return f"; known are {', '.join(known[:MANY])}{more}"

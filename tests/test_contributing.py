@@ -52,7 +52,7 @@ def test_commands_of_flashtemp_are_there():
 def test_every_test_file_stands_in_one_area():
     rows = [line for line in TEXT.splitlines() if line.startswith("| ") and "`test_" in line]
     told = [name for row in rows for name in re.findall(r"`(test_\w+)`", row)]
-    there = {f.stem for f in (ROOT / "tests").glob("test_*.py")}
+    there = {f.stem for f in (ROOT / "tests").rglob("test_*.py")}
     assert sorted(told) == sorted(there)
 
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, nearest, short
 from flashtemp.model.schema import APART, MATERIAL, TABLES, declared, fault
 from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
 Known = Mapping[str, type[Effect]]
+UNREADABLE = (ValueError, RecursionError)  # what tomllib raises: also numbers and brackets beyond its limits
 LISTS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
 
 
@@ -57,8 +58,19 @@ def read_toml(file: Path) -> tuple[str, Table]:
     try:
         text = file.read_text(encoding="utf-8")
         return text, tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {' '.join(str(fault).split())}; repair that place") from fault
+    except OSError as fault:
+        raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
+    except UNREADABLE as fault:
+        raise BadInput(f"{file}: not valid TOML: {_said(fault)}; repair that place") from fault
+
+
+def _said(fault: Exception) -> str:
+    """What was wrong with a text, without what only a programmer can do about it."""
+    return (
+        "brackets are nested too deep"
+        if isinstance(fault, RecursionError)
+        else " ".join(str(fault).split(";")[0].split())
+    )
 
 
 def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Table:
@@ -78,6 +90,8 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
             out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
             out[key.strip()] = text.strip()
+        except UNREADABLE as fault:
+            raise BadInput(f"{key.strip()} (command line): {_said(fault)}; give a shorter value") from fault
     return out
 
 
@@ -179,7 +193,7 @@ class Reader:
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:
                 value = float("inf")
             if said := fault(param, value):
-                self.fault(f"{table}.{key}", f"{value!r}; {said}")
+                self.fault(f"{table}.{key}", f"{short(repr(value))}; {said}")
             out[key] = value
         return out
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -210,6 +212,19 @@ def _amounts(param: Param, value: Any) -> str | None:
     return fault and fault.replace("a number", "numbers", 1)
 
 
+def _file(param: Param, value: str) -> str | None:
+    longest = max(len(os.fsencode(part)) for part in value.split("/"))
+    return None if value and longest < 256 and "\0" not in value else "give a file name, of at most 255 letters"
+
+
+def _beyond(value: Any) -> str | None:
+    """What is wrong with rows of numbers that no computer number holds."""
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        return f"give numbers of at most {sys.float_info.max:.2g}"
+    return next((said for said in map(_beyond, inside) if said), None)
+
+
 def _one_of(names: tuple[str, ...], said: str) -> Callable[[Param, Any], str | None]:
     return lambda param, value: None if value in names else said
 
@@ -226,13 +241,18 @@ KINDS: dict[str, Kind] = {  # where a key may be of several kinds, the first tha
     "cells": Kind(_any, _cells),
     "factors": Kind(_any, _factors),
     "amounts": Kind(_any, _amounts),
-    "text": Kind(_text, lambda param, value: None if value else "give a file name"),
-    "table": Kind(_rows, lambda param, value: None if value else "give at least one row"),
+    "text": Kind(_text, _file),
+    "table": Kind(_rows, lambda param, value: "give at least one row" if not value else _beyond(value)),
 }
+
+
+SAID = {"text": "give the name of a file in quotes", "table": "give a list of numbers or rows"}
 
 
 def fault(param: Param, value: Any) -> str | None:
     """What is wrong with a value under its declaration, or None."""
     kinds = (kind for name, kind in KINDS.items() if name in param.kinds)
-    judge = next((kind.fault for kind in kinds if kind.meant(value)), Param.fault)
-    return judge(param, value)
+    judge = next((kind.fault for kind in kinds if kind.meant(value)), None)
+    if judge is None and not {"number", "amount"} & set(param.kinds):
+        return " or ".join(SAID[name] for name in param.kinds)
+    return (judge or Param.fault)(param, value)

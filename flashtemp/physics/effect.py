@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -87,6 +88,8 @@ class Param:
         """What is wrong with a number from a case, or None."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
+        if isinstance(value, int) and abs(value) > sys.float_info.max:
+            return f"give a number of at most {sys.float_info.max:.2g}"
         below = value < self.low or (self.open_low and value == self.low)
         if value != value or below or value > self.high:
             sign = ">" if self.open_low else ">="

@@ -273,6 +273,9 @@ def open_fields(path) -> Fields:
     file = path / "fields.vtkhdf" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no fields.vtkhdf there; give the folder of a finished run with output.vtk = true")
-    with h5py.File(file) as handle:
-        times = handle["VTKHDF/block/Steps/Values"][:]
+    try:
+        with h5py.File(file) as handle:
+            times = handle["VTKHDF/block/Steps/Values"][:]
+    except (OSError, KeyError) as fault:
+        raise BadInput(f"{file}: no fields that flashtemp wrote; give the folder of a finished run") from fault
     return Fields(file, times)

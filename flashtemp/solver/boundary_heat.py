@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flashtemp.errors import BadInput
 from flashtemp.model.laws import STEP, Laws
 from flashtemp.model.scene import Scene
 from flashtemp.solver import kernels_2d
@@ -33,6 +34,19 @@ class BoundaryHeat:
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell // mesh.n_across]
+        self._check()
+
+    def _check(self) -> None:
+        """Raise BadInput for a film that is not one number."""
+        start = self.scene.moment(self.scene.schedule.phases[0], 0.0)
+        for site, entries in self.laws.films.items():
+            for part, p, name in entries:
+                far = start.ambient if part.far is None else part.far(start, p)
+                if np.ndim(part.law(start, p)) or np.ndim(far):
+                    raise BadInput(
+                        f"effect '{name}': its film on {site} is an array; a film is one number for the whole site, "
+                        "take Heat.patch for what differs from place to place"
+                    )
 
     def ledgers(self) -> set[str]:
         """Names under which heat may be booked."""

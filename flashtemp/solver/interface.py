@@ -17,6 +17,7 @@ from flashtemp.solver import contact_flux, kernels_2d, lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.winkler import Press, Response
 
+RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
@@ -93,7 +94,8 @@ class Interface:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         bed, width = self.b.foundation, self.b.scene.width
-        turning = np.inf if compliance == 0 else 2.0 / (compliance * width * bed.stiffness * bed.length)
+        give = compliance * width * bed.stiffness * bed.length
+        turning = np.inf if give <= RIGID else 2.0 / give
         return turning, arm * now.pressure * bed.dx.sum()
 
     def _friction(self, now, free, moment, turning, T, T_in, kf):

@@ -43,7 +43,7 @@ def march(
     with time, cell and effect.
     """
     began = clock.perf_counter()
-    balance = Balance(scene)
+    balance = _balance(scene)
     now = state or Progress()
     resumed, spent = now.y is not None, now.wall
     if not resumed:
@@ -71,6 +71,16 @@ def march(
         now.phase += 1
     now.wall = spent + clock.perf_counter() - began
     return finish(balance, now, title)
+
+
+def _balance(scene: Scene) -> Balance:
+    """The heat balance of a scene; SolverFailure names the law that fails already now."""
+    try:
+        return Balance(scene)
+    except Exception as fault:
+        if (said := _law_at_fault(scene, fault)) is not None:
+            raise SolverFailure(f"{said}; before the start") from fault
+        raise
 
 
 def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Callable[[], bool], path) -> None:

@@ -44,10 +44,12 @@ class Discs:
         count = int(np.ceil(self.repeat / self.diameter * PIXELS))
         x = (np.arange(count) + 0.5) * self.repeat / count
         share = np.zeros((len(y) - 1, count))
+        around = np.arange(-PIXELS, PIXELS + 1)
         for cx, cy in self.centres:
-            off = (x - cx + 0.5 * self.repeat) % self.repeat - 0.5 * self.repeat
-            near = np.flatnonzero(np.abs(off) < 0.5 * self.diameter)
-            half = np.sqrt(0.25 * self.diameter**2 - off[near] ** 2)
+            at = np.unique((int(cx / self.repeat * count) + around) % count)
+            off = (x[at] - cx + 0.5 * self.repeat) % self.repeat - 0.5 * self.repeat
+            inside = np.abs(off) < 0.5 * self.diameter
+            near, half = at[inside], np.sqrt(0.25 * self.diameter**2 - off[inside] ** 2)
             for shift in (-width, 0.0, width):
                 low = np.maximum(y[:-1, None], cy + shift - half)
                 high = np.minimum(y[1:, None], cy + shift + half)

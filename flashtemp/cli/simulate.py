@@ -87,9 +87,10 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
         Keys of the case to change, as table.key=value.
     """
     from flashtemp.api import inputs, simulation
+    from flashtemp.runs import inert
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
-    cells = case.scene.mesh.n_cells
-    answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells}
-    emit(answer, json, f"{case}\nok")
+    cells, remarks = case.scene.mesh.n_cells, inert.remarks(case)
+    answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
+    emit(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return DONE

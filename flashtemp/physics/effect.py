@@ -166,6 +166,7 @@ class Effect:
     detail: ClassVar[bool] = False  # the same physics in more detail: no cause that `discover` looks for
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
+    needs: ClassVar[str] = ""  # without which it cannot act, for people
     steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure
 
     @classmethod

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from flashtemp.errors import BadInput, Interrupted
 from flashtemp.model import case as cases
-from flashtemp.runs import vtk
+from flashtemp.runs import inert, vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, load, save
 from flashtemp.runs.folders import partial, stoppable
 from flashtemp.solver.field_store import Frames
@@ -128,7 +128,7 @@ def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -
             save(work, box["progress"])
             raise Interrupted(work, f"flashtemp run --resume {out}") from None
         text = (work / "case.toml").read_text(encoding="utf-8")
-        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
+        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)] + inert.remarks(case)
         about = {"versions": versions(numerics.binding)} | ({"remarks": remarks} if remarks else {})
         if own := case.own_effects():
             about["own_effects"] = own

@@ -78,7 +78,7 @@ def _balance(scene: Scene) -> Balance:
     try:
         return Balance(scene)
     except Exception as fault:
-        if (said := _law_at_fault(scene, fault)) is not None:
+        if (said := law_at_fault(scene, fault)) is not None:
             raise SolverFailure(f"{said}; before the start") from fault
         raise
 
@@ -132,11 +132,11 @@ def _tell(system: System, now: Progress, fault: Exception) -> None:
     """Raise SolverFailure with time, place and effect where a solve or a law fails."""
     if isinstance(fault, SolverFailure):
         raise SolverFailure(_explain(system, now.t, now.y, fault)) from fault
-    if (said := _law_at_fault(system.b.scene, fault)) is not None:
+    if (said := law_at_fault(system.b.scene, fault)) is not None:
         raise SolverFailure(f"{said}; after t = {now.t:.6g} s") from fault
 
 
-def _law_at_fault(scene: Scene, fault: Exception) -> str | None:
+def law_at_fault(scene: Scene, fault: Exception) -> str | None:
     """The effect in whose file an exception arose, with the line; None where no law is to blame."""
     names = {type(a.effect).heat.__code__.co_filename: a.name for a in scene.acting}
     for at in reversed(traceback.extract_tb(fault.__traceback__)):

@@ -18,6 +18,7 @@ class PressureRoll(Effect):
     source = "moment balance of the holder about the direction of sliding"
     tells = ("one side wall warmer than the other",)
     steady = True
+    needs = "3D, numerics.across above 1"
 
     a = Param(0.5, "1", "relative excess of pressure at the side y = W/2", low=-1.0, high=1.0, off=0.0)
 

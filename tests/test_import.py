@@ -157,7 +157,7 @@ def test_masks(tmp_path, image):
     with pytest.raises(BadInput, match="mask-box.*50 x 30"):
         made([image], mask_box=((0, 0, 50, 2),))
     with pytest.raises(BadInput, match="mask.*shape"):
-        made([image], mask=write(tmp_path / "small.csv", mask[:4, :4]))
+        made([image], mask=write(tmp_path / "small.csv", mask[:9, :9]))
 
 
 def test_dead_pixels_are_found_and_edges_kept():
@@ -258,8 +258,8 @@ def test_profile_averages_radiance(image):
 
 
 def test_files_must_be_alike(tmp_path, image):
-    other = write(tmp_path / "b.csv", np.full((5, 6), 20.0))
-    with pytest.raises(BadInput, match=r"b\.csv: 6 x 5 pixels, but a\.csv has 50 x 30"):
+    other = write(tmp_path / "b.csv", np.full((5, 8), 20.0))
+    with pytest.raises(BadInput, match=r"b\.csv: 8 x 5 pixels, but a\.csv has 50 x 30"):
         made([image, other])
     mixed = tmp_path / "c.csv"
     mixed.write_text("[Settings]\nTempUnit=C\n[Data]\n" + "\n".join(";".join(["20.5"] * COLUMNS) for _ in range(ROWS)))

@@ -36,7 +36,7 @@ def import_recording(
         names = [files] if isinstance(files, (str, Path)) else files
         asked = Request.of([str(name) for name in names], _facts(facts), None if out is None else Path(out))
     target = None if asked.out is None else place(asked.out, overwrite)
-    result = importing.recorded(found(asked.files), asked.facts, say)
+    result = importing.recorded(found(asked.files), asked.facts, say, None if target is None else target.parent)
     if target is None:
         return result
     result.recording.save(target)

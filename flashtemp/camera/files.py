@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from flashtemp.camera.formats import arrays, flir, infratec, text, tiff
+import numpy as np
+
+from flashtemp.camera.formats import arrays, flir, infratec, jpeg, text, tiff
+from flashtemp.camera.plausible import PER_PIXEL, fits
 from flashtemp.camera.radiometry import Planck
-from flashtemp.camera.raw_frames import Frames
-from flashtemp.errors import BadInput
+from flashtemp.camera.raw_frames import Frames, joined
+from flashtemp.camera.source import Source
+from flashtemp.errors import BadInput, short
 
 SCIENCE = "open it in ResearchIR or Research Studio, export TIFF (with scale and offset), CSV or MAT, and give that"
 CLOSED = {  # name ends: whose and what to ask for
@@ -30,14 +37,17 @@ FOREIGN = {  # first bytes: what it is
     b"%PDF": "PDF; give the camera's own file",
     b"CEDIP": f"FLIR PTW, which only the maker's closed kit reads; {SCIENCE}",
 }
-MOST_BYTES = 8 * 2**30
+START = 8192  # bytes that tell the kind of a file
+WHOLE = 4  # times a file that is read whole must fit into the limit
+LATER = 50  # pieces without any temperature that may come first
 
 
 @dataclass(frozen=True)
 class Unsaid:
     """What a file may not say: `scale` and `offset` (degC) of counts, `unit`, `variable`, `decimal`, `below` (degC).
 
-    `parameters` and `planck` go before what a radiometric file says itself; `every`: keep one frame of so many.
+    `rows` of a text file that holds a part of an image.  `parameters` and `planck` go before what a radiometric file
+    says itself; `every`: keep one frame of so many; `limit`: GB of memory that one file may take.
     """
 
     scale: float | None = None
@@ -46,68 +56,122 @@ class Unsaid:
     variable: str | None = None
     decimal: str | None = None
     below: float | None = None
+    rows: int | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     planck: Planck | None = None
     every: int = 1
+    limit: float | None = None
 
 
-def read(path, **unsaid) -> Frames:
-    """Frames of a camera file; `unsaid` as in `Unsaid`.
+def read(path: str | Path, **unsaid: Any) -> Frames:
+    """All frames of a camera file at once; `unsaid` as in `Unsaid`.
 
-    Raises BadInput in one line that begins with the file's name.
+    Raises BadInput in one line that begins with the file's name, also where they take more memory than `limit`.
     """
+    kept: list[Frames] = []
+    for piece in pieces(path, **unsaid):
+        kept.append(piece)
+        pixels = sum(p.temperature.size for p in kept)
+        with _named(Path(path)):
+            fits(pixels, Unsaid(**unsaid).limit, f"{pixels // kept[0].temperature[0].size} frames at once")
+    return joined(kept)
+
+
+def pieces(path: str | Path, **unsaid: Any) -> Iterator[Frames]:
+    """Frames of a camera file, a few at a time where it is a long sequence.  Raises as `read` does."""
     path, known = Path(path), Unsaid(**unsaid)
+    held: list[Frames] = []
+    warm = False
+    with _named(path):
+        for frames in _by_magic(path, known):
+            held.append(frames)
+            warm = warm or bool(np.isfinite(frames.temperature).any())
+            if warm:
+                yield from held
+                held = []
+            elif len(held) > LATER:
+                break
+        if not warm:
+            raise BadInput("no pixel holds a temperature; choose another file or repair its parameters")
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Whatever is wrong with a file as BadInput that begins with its name."""
     try:
-        data = _bytes(path)
-        frames = _by_magic(path, data, known)
-        return frames if frames.counts is not None else frames.every(known.every)
+        yield
     except BadInput as fault:
         name = str(path)
         raise BadInput(*(t if t.startswith(name) else f"{name}: {t}" for t in fault.lines)) from fault
     except MemoryError as fault:
         raise BadInput(f"{path}: more than the memory holds; give a part of it, or copy it again if damaged") from fault
-    except (struct.error, ValueError, IndexError, OverflowError) as fault:
-        raise BadInput(f"{path}: damaged ({' '.join(str(fault).split())}); copy it again or export it anew") from fault
+    except OSError as fault:
+        raise BadInput(f"{path}: cannot be read ({fault.strerror or fault}); give a file that can") from fault
+    except (struct.error, ValueError, IndexError, OverflowError, RecursionError) as fault:
+        raise BadInput(
+            f"{path}: damaged ({short(' '.join(str(fault).split()))}); copy it again or export it anew"
+        ) from fault
 
 
-def _bytes(path: Path) -> bytes:
+def _by_magic(path: Path, known: Unsaid) -> Iterator[Frames]:
     if not path.is_file():
         raise BadInput("no such file; give camera files, a folder of them or a recording template (.toml)")
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise BadInput(f"{path.stat().st_size / 2**30:.0f} GiB in one file; give an export of the part you need")
-        data = path.read_bytes()
-    except OSError as fault:
-        raise BadInput(f"cannot be read ({fault.strerror}); give a file that can") from fault
-    if not data:
-        raise BadInput("the file is empty; copy it again or choose another")
-    return data
+    with Source(path) as source:
+        if not len(source):
+            raise BadInput("the file is empty; copy it again or choose another")
+        start = source[0:START]
+        linear = {"scale": known.scale, "offset": known.offset}
+        if start.startswith(flir.MAGIC):
+            yield from _sequence(source, known)
+        elif start.startswith(tiff.MAGIC):
+            yield from tiff.read(path, unit=known.unit, every=known.every, limit=known.limit, **linear)
+        elif start.startswith((arrays.HDF5, arrays.MATLAB, *arrays.CLASSIC)):
+            data = b"" if arrays.is_hdf5(start) else _whole(source, known)
+            asked = {"unit": known.unit, "variable": known.variable, "every": known.every, "limit": known.limit}
+            yield from arrays.read(path, start, data, **asked, **linear)
+        else:
+            for frames in _in_one(path, source, start, known, linear):
+                yield frames if frames.counts is not None else frames.every(known.every)
 
 
-def _by_magic(path: Path, data: bytes, known: Unsaid) -> Frames:
-    linear = {"scale": known.scale, "offset": known.offset}
-    if data.startswith(b"\xff\xd8"):
-        return _jpeg(data, known)
-    if data.startswith(flir.MAGIC):
-        frames = flir.read(data, "FLIR FFF", known.parameters, known.planck, known.every)
-        return replace(frames, format="FLIR sequence") if len(frames.temperature) > 1 else frames
-    if data.startswith(infratec.MAGIC):
-        return infratec.read(data)
-    if data.startswith(tiff.MAGIC):
-        return tiff.read(data, unit=known.unit, **linear)
-    if data.startswith(tiff.PNG):
-        return tiff.read_png(data, **linear)
-    if data.startswith((arrays.HDF5, arrays.MATLAB, *arrays.CLASSIC)):
-        return arrays.read(path, data, unit=known.unit, variable=known.variable, **linear)
-    _refuse(path, data)
-    return text.read(data, unit=known.unit, below=known.below, decimal=known.decimal, **linear)
+def _in_one(path: Path, source: Source, start: bytes, known: Unsaid, linear: dict) -> Iterator[Frames]:
+    """Frames of a file that is read whole."""
+    if start.startswith(b"\xff\xd8"):
+        data = _whole(source, known)
+        block = flir.joined(data)
+        if not block:
+            what = jpeg.without_flir(data)
+            raise BadInput(what if "give" in what else what + COLOURS)
+        yield from flir.read(block, "FLIR radiometric JPEG", known.parameters, known.planck, limit=known.limit)
+    elif start.startswith(infratec.MAGIC):
+        yield infratec.read(_whole(source, known), known.limit)
+    elif start.startswith(tiff.PNG):
+        yield tiff.read_png(_whole(source, known), limit=known.limit, **linear)
+    else:
+        _refuse(path, start)
+        if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise BadInput(text.NO_TEXT)
+        said = {"unit": known.unit, "below": known.below, "decimal": known.decimal, "rows": known.rows}
+        yield text.read(_whole(source, known, text.PER_BYTE), **said, **linear)
 
 
-def _jpeg(data: bytes, known: Unsaid) -> Frames:
-    block = flir.joined(data)
-    if not block:
-        raise BadInput("JPEG without thermal data" + COLOURS)
-    return flir.read(block, "FLIR radiometric JPEG", known.parameters, known.planck)
+def _sequence(source: Source, known: Unsaid) -> Iterator[Frames]:
+    """Frames of one FFF block, or of many: a sequence."""
+    found = flir.read(source, "FLIR FFF", known.parameters, known.planck, known.every, known.limit)
+    first = next(found, None)
+    second = next(found, None)
+    for frames in (first, second):
+        if frames is not None:
+            many = second is not None or len(frames.temperature) > 1
+            yield replace(frames, format="FLIR sequence") if many else frames
+    for frames in found:
+        yield replace(frames, format="FLIR sequence")
+
+
+def _whole(source: Source, known: Unsaid, times: float = WHOLE) -> bytes:
+    """All bytes of a file whose kind is read whole."""
+    fits(times * len(source) / PER_PIXEL, known.limit, f"{len(source) / 1e6:.0f} MB read at once")
+    return source[0 : len(source)]
 
 
 def _refuse(path: Path, data: bytes) -> None:

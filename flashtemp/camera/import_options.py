@@ -100,6 +100,10 @@ class Facts:
         Decimal comma or point of a text file.
     below
         Temperatures of a text file at or under this are below the camera's range, degC.
+    rows
+        Rows of a text file that holds a part of an image.
+    limit
+        GB of memory that reading one file may take, 1 unless said.
     netd
         Noise of one pixel of one frame, K.
     fixed_pattern
@@ -149,6 +153,8 @@ class Facts:
     variable: str | None = None
     decimal: Literal["comma", "point"] | None = None
     below: float | None = None
+    rows: int | None = None
+    limit: float | None = None
     netd: float | None = None
     fixed_pattern: float | None = None
     psf_sigma: float | None = None
@@ -185,7 +191,7 @@ EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a 
     },
     "the file's numbers, where the file does not say": {
         "#scale": "0.04", "#offset": "-273.15", "#unit": '"degC"', "#variable": '"temperature"', "#decimal": '"comma"',
-        "#below": "-40.01",
+        "#below": "-40.01", "#rows": "100", "#limit": "1.0",
     },
     "the camera": {
         "#netd": "0.05", "#fixed_pattern": "0.05", "#psf_sigma": "0.7", "#exposure": "0.01",

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flashtemp.camera import files, geometry, timing
 from flashtemp.camera.import_options import Facts, option
+from flashtemp.camera.masks import masked
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.stack import Stack
 from flashtemp.errors import BadInput, nearest
 from flashtemp.showing import Sheet, Shown
 
@@ -39,7 +43,7 @@ class Imported(Shown):
     def as_dict(self) -> dict:
         """Plain numbers and text for JSON."""
         r = self.recording
-        T = r.temperature[np.isfinite(r.temperature)]
+        low, high, count = r.span
         known = {f.name: v for f in fields(r) if isinstance(v := getattr(r, f.name), (int, float))}
         return (
             {
@@ -52,8 +56,8 @@ class Imported(Shown):
                 "v_m": [float(r.v[0]), float(r.v[-1])],
                 "time_s": [float(r.time[0]), float(r.time[-1])],
                 "repetitions": [int(r.repetition.min()), int(r.repetition.max())],
-                "temperature_degC": [float(T.min()), float(T.max())],
-                "dead_share": float(1 - T.size / r.temperature.size),
+                "temperature_degC": [low, high],
+                "dead_share": float(1 - count / r.temperature.size),
             }
             | known
             | {name: path and str(path) for name, path in self._written().items()}
@@ -72,70 +76,95 @@ class Imported(Shown):
         return replace(self.recording.sheet(), notes=[*self.notes, *written])
 
 
-def recorded(names: list[Path], facts: Facts, told=lambda text: None) -> Imported:
-    """The recording of camera files; `told` hears of progress.  BadInput names file or option, and the remedy."""
+def recorded(
+    names: list[Path], facts: Facts, told: Callable[[str], Any] = lambda text: None, folder: Path | None = None
+) -> Imported:
+    """The recording of camera files; `told` hears of progress.  BadInput names file or option, and the remedy.
+
+    Files are read a few frames at a time; where the images together are many they lie in a file in `folder`.
+    """
     _sane(facts)
     names = _thinned(names, facts)
-    pieces: list[tuple[Path, Frames]] = []
-    placed: list[np.ndarray] = []
-    notes: list[str] = []
+    seen: list[tuple[Path, timing.Stamps]] = []
+    stack, notes, outside = Stack(folder), [], 0
+    first: tuple[Path, Frames] | None = None
     place: Place | None = None
     for number, path in enumerate(names, 1):
-        frames = _read(path, facts)
-        if pieces:
-            _alike(pieces[0], (path, frames))
-        else:
-            _ask(path, frames, facts)
-        try:
-            T, said = corrected(frames, facts)
-        except BadInput as fault:
-            raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
-        if place is None:
-            notes += [f"{path}: {frames}", *frames.notes, *said]
-            place = Place(frames, facts, T)
-            notes += place.notes
-        grid = place(T)
-        placed.append(grid.temperature.astype(np.float32))
-        # what has been placed is no longer needed in full
-        pieces.append((path, _light(frames)))
+        stamps: list[timing.Stamps] = []
+        for frames, last in _pieces(path, facts):
+            if first is not None:
+                _alike(first, (path, frames))
+            else:
+                first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
+                _ask(path, frames, facts, last)
+            try:
+                T, said = corrected(frames, facts)
+            except BadInput as fault:
+                raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
+            if place is None:
+                notes += [f"{path}: {frames}", *frames.notes, *said]
+                place = Place(frames, facts, T)
+                notes += place.notes
+            elif number == 1:
+                notes += [note for note in frames.notes if note not in notes]
+            grid = place(T)
+            stack.add(grid.temperature)
+            outside += frames.outside
+            stamps.append(timing.Stamps.of([frames]))
+        seen.append((path, timing.Stamps.of(stamps)))
         if number % 50 == 0:
             told(f"{number} of {len(names)} files read")
+    assert first is not None  # at least one file has been read
+    assert place is not None
     if len(names) > 1:
         notes[0] = f"{len(names)} files, the first: {notes[0]}"
-    if outside := sum(f.outside for _, f in pieces):
-        notes.append(f"{outside} pixel values beyond the camera's range are left out")
-    time = timing.times(pieces, facts)
-    repetition = timing.repetitions(pieces, time, facts)
+    elif seen[0][1].count > len(first[1].temperature):
+        notes.append(f"{seen[0][1].count} frames in all")
+    if outside:
+        notes.append(f"{outside} values beyond the camera's range are left out; they are no dead pixels")
+    time = timing.times(seen, facts)
+    repetition = timing.repetitions(seen, time, facts)
     order = np.argsort(time, kind="stable")
     if np.any(np.diff(order) < 0):
         notes.append("frames put in order of time")
-    assert place is not None  # at least one file has been read
-    T = np.concatenate(placed)[order]
     recording = Recording(
-        place.view, T, time[order], repetition[order], grid.u, grid.v,
+        place.view, stack.images(order), time[order], repetition[order], grid.u, grid.v,
         source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
-        **_known(pieces[0][1], facts),
+        **_known(first[1], facts),
     )  # fmt: skip
     return Imported(recording, tuple(notes), tuple(names), _block(facts))
+
+
+def _pieces(path: Path, facts: Facts) -> Iterator[tuple[Frames, bool]]:
+    """Frames of a file, a few at a time, and whether they are the last."""
+    found = _read(path, facts)
+    now = next(found, None)
+    while now is not None:
+        after = next(found, None)
+        yield now, after is None
+        now = after
 
 
 def _thinned(names: list[Path], facts: Facts) -> list[Path]:
     """Every so many files where each holds one frame."""
     if (facts.every or 1) == 1 or len(names) == 1:
         return names
-    if len(_read(names[0], replace(facts, every=None)).temperature) > 1:
+    first, last = next(_pieces(names[0], replace(facts, every=None)))
+    if len(first.temperature) > 1 or not last:
         return names
     return names[:: facts.every]
 
 
-def _ask(path: Path, frames: Frames, facts: Facts) -> None:
+def _ask(path: Path, frames: Frames, facts: Facts, whole: bool) -> None:
     """BadInput with one line for everything that is missing, as far as the first file tells."""
-    seen: list[tuple[Path, Frames]] = [(path, frames)]
+    seen = [(path, timing.Stamps.of([frames]))]
     lines: list[str] = []
     needs = [lambda: _view(frames, facts), lambda: timing.times(seen, facts)]
     needs.append(lambda: timing.repetitions(seen, np.zeros(len(frames.temperature)), facts))
     if _is_unplaced(frames, facts):
         needs.insert(1, lambda: mapped(facts, frames.shape))
+    if not whole and facts.times is not None:  # its rows are held against all frames
+        needs = needs[:-2]
     for need in needs:
         try:
             need()
@@ -157,10 +186,10 @@ def _is_unplaced(frames: Frames, facts: Facts) -> bool:
 
 
 def _sane(facts: Facts) -> None:
-    for name in ("every", "repetition"):
+    for name in ("every", "repetition", "rows"):
         if (value := getattr(facts, name)) is not None and value < 1:
             raise BadInput(f"{name}: {value}; give a whole number from 1")
-    for name in ("mm_per_pixel", "band"):
+    for name in ("mm_per_pixel", "band", "limit"):
         if (value := getattr(facts, name)) is not None and not 0 < value < float("inf"):
             raise BadInput(f"{name}: {value:g}; give a number greater than zero")
     for key in facts.was or {}:
@@ -173,17 +202,11 @@ def _given(facts: Facts) -> dict[str, float]:
     return {n: v for n in NAMES if (v := getattr(facts, n)) is not None}
 
 
-def _read(path: Path, facts: Facts) -> Frames:
-    same = {k: getattr(facts, k) for k in ("scale", "offset", "unit", "variable", "decimal", "below")}
+def _read(path: Path, facts: Facts) -> Iterator[Frames]:
+    names = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "limit")
+    same = {k: getattr(facts, k) for k in names}
     planck = None if facts.planck is None else Planck(*facts.planck)
-    return files.read(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)
-
-
-def _light(frames: Frames) -> Frames:
-    """Frames whose images are a stand-in of the right number: memory stays small over many files."""
-    kept = {f.name: getattr(frames, f.name) for f in fields(frames)}
-    stand_in = np.broadcast_to(np.float32(0), frames.temperature.shape)
-    return Frames(**(kept | {"temperature": stand_in, "counts": None}))
+    return files.pieces(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)
 
 
 def _alike(first: tuple[Path, Frames], other: tuple[Path, Frames]) -> None:
@@ -288,31 +311,6 @@ def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
     if facts.second is not None:
         return geometry.from_two(turn, facts.pixel, at, facts.second, shape)
     return geometry.from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""
-
-
-def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Dead and foreign pixels (rows, columns): rectangles, a file, and those that the median test finds."""
-    mask, notes = geometry.boxes(frames.shape, facts.mask_box or ()), []
-    if facts.mask is not None:
-        mask |= _mask_file(facts.mask, frames.shape)
-    if mask.any():
-        notes.append(f"{mask.sum()} pixels masked")
-    if facts.dead_pixels != "keep" and frames.u is None and min(frames.shape) > 2:
-        dead = geometry.dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
-        if dead.any():
-            notes.append(f"{dead.sum()} dead pixels found and masked (--dead-pixels keep leaves them)")
-        mask |= dead
-    return mask, notes
-
-
-def _mask_file(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    try:
-        values = files.read(path, unit="degC", scale=1.0, offset=0.0).temperature[0]
-    except BadInput as fault:
-        raise BadInput(*(f"mask: {t}" for t in fault.lines)) from fault
-    if values.shape != shape:
-        raise BadInput(f"mask: {path}: shape {values.shape}, images have {shape}; give one number for every pixel")
-    return np.nan_to_num(values, nan=1.0) != 0
 
 
 def _known(frames: Frames, facts: Facts) -> dict[str, float | None]:

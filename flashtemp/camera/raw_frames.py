@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from flashtemp.camera.plausible import temperatures
 from flashtemp.camera.radiometry import ObjectParameters, Planck
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
@@ -59,8 +61,8 @@ class Frames:
         T = self.temperature
         if T.ndim != 3 or T.size == 0:
             raise BadInput(f"holds an array of shape {T.shape}; give images (rows, columns) or (frame, rows, columns)")
-        if not np.any(np.isfinite(T)):
-            raise BadInput("no pixel holds a temperature; choose another file or repair its parameters")
+        if not self.difference and np.isfinite(T).any():
+            temperatures(T)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -83,7 +85,22 @@ class Frames:
         many = f"{len(self.temperature)} frames of " if len(self.temperature) > 1 else ""
         camera = f", {self.camera}" if self.camera else ""
         size, unit = f"{self.shape[1]} x {self.shape[0]} pixels", "K" if self.difference else "degC"
-        return f"{self.format}{camera}, {many}{size}, {T.min():.2f} to {T.max():.2f} {unit}"
+        span = f"{T.min():.2f} to {T.max():.2f} {unit}" if T.size else "no temperature"
+        return f"{self.format}{camera}, {many}{size}, {span}"
+
+
+def joined(pieces: Sequence[Frames]) -> Frames:
+    """One Frames of the pieces of one file, in order."""
+    first = pieces[0]
+    if len(pieces) == 1:
+        return first
+    chosen = {}
+    for name in ("temperature", "clock", "time", "counts", "repetition"):
+        parts = [getattr(p, name) for p in pieces]
+        chosen[name] = None if any(p is None for p in parts) else np.concatenate(parts)
+    kept = {f.name: getattr(first, f.name) for f in fields(first)}
+    notes = tuple(dict.fromkeys(note for p in pieces for note in p.notes))
+    return Frames(**(kept | chosen | {"outside": sum(p.outside for p in pieces), "notes": notes}))
 
 
 def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from flashtemp.errors import BadInput
+from flashtemp.camera.plausible import HOTTEST, extent, fits, parts
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import bounded_hdf5
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.showing import Sheet, Shown
 
@@ -17,6 +20,9 @@ VIEWS = {
     "wake": "road behind the block: u = x > L, v = y from the centre line",
     "profile": "no v: block surface along x",
 }
+IN_MEMORY = 64 * 2**20  # bytes of images: larger recordings are written piece by piece
+CHUNK = 1_000_000  # pixels that are compressed together
+NEEDED = ("temperature", "time", "repetition", "u", "v")
 OPTIONAL = {  # attribute: unit, lowest, highest value
     "emissivity": ("1", 0.05, 1.0),
     "reflected_degC": ("degC", -273.0, 1500.0),
@@ -92,10 +98,12 @@ class Recording(Shown):
 
     def _value_fault(self) -> str | None:
         """In temperatures and what is known of the camera."""
-        if np.any(self.temperature < -KELVIN):
-            return f"temperature: {np.nanmin(self.temperature):g} degC is below absolute zero; give degC"
-        if not np.any(np.isfinite(self.temperature)):
+        low, high, known = self.span
+        if not known:
             return "temperature: no pixel holds a number; choose other frames or another file"
+        if low < -KELVIN or high > HOTTEST:
+            wrong = "below absolute zero" if low < -KELVIN else "hotter than any camera measures"
+            return f"temperature: {low if low < -KELVIN else high:g} degC is {wrong}; give degC"
         for name, (unit, low, high) in OPTIONAL.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
@@ -105,6 +113,11 @@ class Recording(Shown):
     @property
     def frames(self) -> int:
         return len(self.time)
+
+    @cached_property
+    def span(self) -> tuple[float, float, int]:
+        """Lowest and highest temperature, degC, and how many of all are known."""
+        return extent(self.temperature)
 
     @property
     def pitch(self) -> tuple[float, float]:
@@ -135,58 +148,87 @@ class Recording(Shown):
     def save(self, path) -> None:
         """Write NetCDF-4; replaces the file only when whole."""
         path = Path(path)
-        ds = self.dataset()
-        encoding = {"temperature": {"zlib": True, "complevel": 4}, "time": {"dtype": "float64"}}
         fresh = path.with_name(path.name + ".new")
         try:
-            fresh.write_bytes(bytes(ds.to_netcdf(engine="h5netcdf", encoding=encoding)))
+            if self.temperature.nbytes <= IN_MEMORY:
+                encoding = {"temperature": {"zlib": True, "complevel": 4}, "time": {"dtype": "float64"}}
+                fresh.write_bytes(bytes(self.dataset().to_netcdf(engine="h5netcdf", encoding=encoding)))
+            else:
+                self._stream(fresh)
             fresh.replace(path)
         finally:
             fresh.unlink(missing_ok=True)
+
+    def _stream(self, path: Path) -> None:
+        """Write a file frame by frame: images that are no more in memory at once than a few."""
+        import h5netcdf
+
+        ds = self.dataset()
+        about, dims = ds["temperature"].attrs, ds["temperature"].dims
+        ds.drop_vars("temperature").to_netcdf(path, engine="h5netcdf", encoding={"time": {"dtype": "float64"}})
+        with h5netcdf.File(path, "a") as file:
+            flat = self.view == "profile"
+            step = max(1, CHUNK // self.temperature[0].size)
+            shape = self.temperature[:, 0].shape if flat else self.temperature.shape
+            variable = file.create_variable(
+                "temperature", dims, self.temperature.dtype, chunks=(min(step, shape[0]), *shape[1:]),
+                compression="gzip", compression_opts=4, shuffle=True, fillvalue=np.nan,
+            )  # fmt: skip
+            variable.attrs.update(about)
+            variable.attrs["coordinates"] = "time repetition"
+            for begin, images in parts(self.temperature, step):
+                variable[begin : begin + len(images)] = images[:, 0] if flat else images
 
     def chosen(self, keep: np.ndarray) -> Recording:
         """The same with some of its frames: indices or a mask (frames,)."""
         return replace(self, temperature=self.temperature[keep], time=self.time[keep], repetition=self.repetition[keep])
 
     def __str__(self) -> str:
-        T = self.temperature[np.isfinite(self.temperature)]
+        low, high, known = self.span
         size = f"{len(self.u)} pixels" if self.view == "profile" else f"{len(self.u)} x {len(self.v)} pixels"
         du, dv = (1e3 * p for p in self.pitch)
         pitch = f"{du:.3g} mm" if self.view == "profile" else f"{du:.3g} x {dv:.3g} mm"
-        dead = 100 * (1 - len(T) / self.temperature.size)
+        lost = 100 * (1 - known / self.temperature.size)
         return (
             f"Recording '{self.view}' of {self.frames} frames, {size} of {pitch}\n"
             f"  time {self.time[0]:g} to {self.time[-1]:g} s, repetitions {self.repetition.min()} to"
             f" {self.repetition.max()}\n"
-            f"  {T.min():.2f} to {T.max():.2f} degC, {dead:.2g} % dead pixels"
+            f"  {low:.2f} to {high:.2f} degC, {lost:.2g} % of the values missing"
         )
 
     def sheet(self) -> Sheet:
-        T, mm = self.temperature[np.isfinite(self.temperature)], 1e3
+        (low, high, known), mm = self.span, 1e3
         rows: list[tuple] = [("frames", self.frames, ""), ("time", (self.time[0], self.time[-1]), "s")]
         rows.append(("repetitions", (int(self.repetition.min()), int(self.repetition.max())), ""))
         rows.append(("u", (mm * self.u[0], mm * self.u[-1]), "mm"))
         if self.view != "profile":
             rows.append(("v", (mm * self.v[0], mm * self.v[-1]), "mm"))
-        rows.append(("temperature", (float(T.min()), float(T.max())), "degC"))
-        rows.append(("dead pixels", 100 * (1 - T.size / self.temperature.size), "%"))
-        known = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL.items() if getattr(self, k) is not None)
+        rows.append(("temperature", (low, high), "degC"))
+        rows.append(("values missing", 100 * (1 - known / self.temperature.size), "%"))
+        about = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL.items() if getattr(self, k) is not None)
         title = f"Recording '{self.view}' ({VIEWS[self.view]})"
-        return Sheet(title, [*rows, *known], notes=[self.source] if self.source else [])
+        return Sheet(title, [*rows, *about], notes=[self.source] if self.source else [])
 
 
-def load(path) -> Recording:
-    """Read a recording (NetCDF); BadInput names the file and what is missing or wrong."""
+def load(path: str | Path, limit: float | None = None) -> Recording:
+    """Read a recording (NetCDF); BadInput names the file and what is missing or wrong.
+
+    Its size is looked at before anything is read: at most `limit` GB of memory, 1 unless said.
+    """
     import xarray as xr
 
     path = Path(path)
     if not path.is_file():
         raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
     try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
+        bounded_hdf5.check(path, NEEDED.__contains__, lambda size, what: fits(size, limit, what))
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
+            ds = opened.drop_vars([name for name in opened.variables if name not in NEEDED])
             ds.load()
+    except BadInput as fault:
+        raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
     except Exception as fault:  # h5netcdf raises whatever the damage provokes
-        what = " ".join(str(fault).split())
+        what = short(" ".join(str(fault).split()))
         raise BadInput(f"{path}: not a NetCDF recording ({what}); write it with flashtemp import") from fault
     missing = [k for k in ("temperature", "time", "repetition", "u") if k not in ds.variables]
     if missing or "view" not in ds.attrs:
@@ -194,7 +236,7 @@ def load(path) -> Recording:
         raise BadInput(
             f"{path}: {what} missing; a recording holds temperature(frame, v, u), time, repetition, u, v, view"
         )
-    view, T = str(ds.attrs["view"]), ds["temperature"]
+    view, T = short(str(ds.attrs["view"])), ds["temperature"]
     wanted = ("frame", "u") if view == "profile" else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
         raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
@@ -207,17 +249,24 @@ def load(path) -> Recording:
         with contextlib.suppress(TypeError, ValueError):
             given[name] = float(ds.attrs[name])
         if name not in given:
-            raise BadInput(f"{path}: {name}: {ds.attrs[name]!r}; give a number")
+            raise BadInput(f"{path}: {name}: {short(repr(ds.attrs[name]))}; give a number")
     try:
         return Recording(
             view,
             values[:, None, :] if flat else values,
             ds["time"].values.astype(float),
-            ds["repetition"].values.astype(int),
+            _whole(ds["repetition"].values),
             ds["u"].values.astype(float),
             np.zeros(1) if flat else ds["v"].values.astype(float),
-            source=str(ds.attrs.get("source", "")),
+            source=short(str(ds.attrs.get("source", ""))),
             **given,
         )
     except BadInput as fault:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
+
+
+def _whole(values: np.ndarray) -> np.ndarray:
+    """Numbers of repetitions as integers; BadInput where they are none."""
+    if values.dtype.kind not in "uif" or not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
+        raise BadInput("repetition: give whole numbers, counted from 1")
+    return values.astype(int)

@@ -4,23 +4,49 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from flashtemp.camera.formats.text import decoded, moment
+from flashtemp.camera.formats.cells import moment
+from flashtemp.camera.formats.text import decoded
 from flashtemp.camera.import_options import Facts
 from flashtemp.camera.raw_frames import Frames
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import bounded_reading
 
-Seen = list[tuple[Path, Frames]]
+
+@dataclass(frozen=True)
+class Stamps:
+    """What a file says of the times of its frames, without their images; fields as of `Frames`."""
+
+    count: int
+    time: np.ndarray | None = None
+    clock: np.ndarray | None = None
+    fps: float | None = None
+    repetition: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, pieces: Sequence[Frames | Stamps]) -> Stamps:
+        """Of the pieces of one file, in order."""
+        found: dict[str, np.ndarray | None] = {}
+        for name in ("time", "clock", "repetition"):
+            parts = [getattr(p, name) for p in pieces]
+            found[name] = None if any(p is None for p in parts) else np.concatenate(parts)
+        count = sum(p.count if isinstance(p, Stamps) else len(p.temperature) for p in pieces)
+        return cls(count, found["time"], found["clock"], pieces[0].fps, found["repetition"])
+
+
+Seen = Sequence[tuple[Path, Stamps]]
 
 
 def times(seen: Seen, facts: Facts) -> np.ndarray:
     """Seconds from the first start of sliding of every frame of every file, in the order of the files."""
     if facts.times is not None:
         return np.concatenate([_from_rows(p, f, facts) for p, f in seen])
-    counts = [len(f.temperature) for _, f in seen]
+    counts = [f.count for _, f in seen]
     if facts.fps is not None:
         if facts.fps <= 0:
             raise BadInput(f"fps: {facts.fps:g}; give frames per second, more than 0")
@@ -63,12 +89,18 @@ def _from(facts: Facts, relative: np.ndarray, clock: bool) -> np.ndarray:
 def _rows(path: Path) -> list[dict[str, str]]:
     """Rows of a CSV file with columns file, time and perhaps repetition; BadInput names line and remedy."""
     try:
+        if path.is_file() and path.stat().st_size > bounded_reading.MOST_TEXT:
+            raise BadInput("too large")
         text = decoded(path.read_bytes())
     except OSError as fault:
         raise BadInput(f"times: {path}: no such file; give a CSV file with columns file,time") from fault
     except BadInput as fault:
         raise BadInput(f"times: {path}: no text; give a CSV file with columns file,time") from fault
-    rows = list(csv.DictReader(text.splitlines(), delimiter=";" if ";" in text.splitlines()[0] else ",", restval=""))
+    lines = bounded_reading.lines(text, f"times: {path}")
+    try:
+        rows = list(csv.DictReader(lines, delimiter=";" if ";" in lines[0] else ",", restval=""))
+    except csv.Error as fault:
+        raise BadInput(f"times: {path}: no text of cells; give a CSV file with columns file,time") from fault
     if not rows or not {"file", "time"} <= {str(k).strip() for k in rows[0]}:
         raise BadInput(f"times: {path}: columns file and time are missing; give a header file,time[,repetition]")
     clean = [{str(k).strip(): str(v).strip() for k, v in row.items()} for row in rows]
@@ -79,13 +111,13 @@ def _rows(path: Path) -> list[dict[str, str]]:
             except ValueError:
                 good = False
             if not good:
-                raise BadInput(f"times: {path}:{line}: {name} {row[name]!r}; give a number")
+                raise BadInput(f"times: {path}:{line}: {name} {short(repr(row[name]))}; give a number")
     return clean
 
 
-def _rows_of(path: Path, frames: Frames, facts: Facts) -> list[dict[str, str]]:
+def _rows_of(path: Path, frames: Stamps, facts: Facts) -> list[dict[str, str]]:
     rows = [r for r in _rows(Path(facts.times or "")) if Path(r["file"]).name == path.name]
-    count = len(frames.temperature)
+    count = frames.count
     if len(rows) not in (1, count):
         raise BadInput(
             f"times: {facts.times}: {len(rows)} rows for {path.name} with {count} frames; give one for each frame,"
@@ -94,8 +126,8 @@ def _rows_of(path: Path, frames: Frames, facts: Facts) -> list[dict[str, str]]:
     return rows
 
 
-def _from_rows(path: Path, frames: Frames, facts: Facts) -> np.ndarray:
-    rows, count = _rows_of(path, frames, facts), len(frames.temperature)
+def _from_rows(path: Path, frames: Stamps, facts: Facts) -> np.ndarray:
+    rows, count = _rows_of(path, frames, facts), frames.count
     given = np.array([float(r["time"]) for r in rows])
     if len(rows) == count:
         return given
@@ -110,7 +142,7 @@ def _from_rows(path: Path, frames: Frames, facts: Facts) -> np.ndarray:
 def repetitions(seen: Seen, time: np.ndarray, facts: Facts) -> np.ndarray:
     """Number of the repetition of every frame, from 1; during a wait the one before."""
     if facts.times is not None:
-        rows = [(_rows_of(p, f, facts), len(f.temperature)) for p, f in seen]
+        rows = [(_rows_of(p, f, facts), f.count) for p, f in seen]
         if all("repetition" in r[0] for r, _ in rows):
             found = [[int(float(r["repetition"])) for r in rs] * (n if len(rs) == 1 else 1) for rs, n in rows]
             return np.concatenate(found).astype(int)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput
+from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Array, Value
 
 Source = Any  # of a case: a CSV file's name, or rows
@@ -117,24 +118,34 @@ def _read(source: Source, folder: Path, key: str) -> tuple[list[list[float]], li
     path = folder / source
     if not path.is_file():
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
-    data, where = [], []
+    text = bounded_reading.raw(path, f"{key}: {source}")
     try:
-        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        lines = bounded_reading.lines(text.decode("utf-8-sig"), f"{key}: {source}")
+        table = list(csv.reader(lines))
     except (UnicodeDecodeError, csv.Error) as fault:
         raise BadInput(f"{key}: {source}: not a text file of numbers; give a CSV file") from fault
-    for number, line in enumerate(lines, 1):
+    return _numbers(table, f"{key}: {source}")
+
+
+def _numbers(table: list[list[str]], name: str) -> tuple[list[list[float]], list[str]]:
+    """Rows of numbers and where they stand; one row of words may stand above them, and comments anywhere."""
+    data, where, header = [], [], False
+    for number, line in enumerate(table, 1):
         cells = [c.strip() for c in line]
         if not any(cells) or cells[0].startswith("#"):
             continue
-        try:
-            data.append([float(c) for c in cells])
-        except ValueError as fault:
-            if not data:
-                continue  # a header
+        row = [bounded_reading.number(c) for c in cells]
+        known = [v for v in row if v is not None]
+        if len(known) == len(cells):
+            data.append(known)
+            where.append(f"{name}:{number}")
+        elif not data and not header and not known and not any(map(bounded_reading.mistyped, cells)):
+            header = True
+        else:
             raise BadInput(
-                f"{key}: {source}:{number}: {line!r} is not numeric; give numbers separated by commas"
-            ) from fault
-        where.append(f"{key}: {source}:{number}")
+                f"{name}:{number}: {bounded_reading.told(cells)} is not numeric; give numbers separated by commas, with"
+                " at most one row of names above them"
+            )
     return data, where
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError, nearest
+from flashtemp.physics import bounded_reading
 from flashtemp.physics.interpolation import rows
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.relaxation_fit import Fit, Record, without
@@ -312,7 +313,7 @@ def _check(path: Path, column: str, values: np.ndarray, good: np.ndarray, must: 
 def _columns(path: Path) -> list[str]:
     """The header of a CSV file."""
     try:
-        lines = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        lines = csv.reader(bounded_reading.lines(bounded_reading.raw(path, str(path)).decode("utf-8-sig"), str(path)))
         cells = next(([c.strip() for c in line] for line in lines if line and not line[0].strip().startswith("#")), [])
     except (UnicodeDecodeError, csv.Error) as fault:
         raise BadInput(f"{path}: not a text file; give a CSV file with columns {HEADER}") from fault

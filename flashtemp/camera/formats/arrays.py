@@ -3,69 +3,151 @@
 from __future__ import annotations
 
 import io
+import math
 import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flashtemp.camera import recording
 from flashtemp.camera.formats import matlab
-from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, celsius, linear, stacked
-from flashtemp.errors import BadInput
+from flashtemp.camera.plausible import fits
+from flashtemp.camera.raw_frames import Frames, celsius, linear, stacked
+from flashtemp.errors import BadInput, short
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 MATLAB = b"MATLAB"
 CLASSIC = (b"CDF\x01", b"CDF\x02")
 TIMES = ("time", "t", "times", "time_s")
 AGAIN = "copy it again or export it anew and give that"
+PIECE = 4_000_000  # pixels that are read at a time
+NUMBERED = re.compile(r"(\D{1,200})(\d{1,9})")
 
 
-def read(path: Path, data: bytes, unit=None, scale=None, offset=None, variable=None) -> Frames:
-    """The images of an array file, degC; which array, `variable`, is asked for where there are several."""
-    if data.startswith(HDF5) or data[512:520] == HDF5:
-        if data.startswith(HDF5) and _is_recording(data):
-            return _recording(path)
-        matlab = data.startswith(MATLAB)
-        arrays, kind = _damaged(_hdf5, data, "HDF5"), "MATLAB v7.3" if matlab else "HDF5"
-        # MATLAB stores the last index first: (rows, columns, frames) stands there as (frames, columns, rows)
-        arrays = {k: (v.swapaxes(-1, -2) if matlab else v, u) for k, (v, u) in arrays.items()}
-    elif data.startswith(CLASSIC):
-        arrays, kind = _damaged(_classic, data, "NetCDF"), "NetCDF"
+@dataclass(frozen=True)
+class Array:
+    """Numbers that need not be in memory: `shape` (rows, columns) or (frames, rows, columns), and `part` of them.
+
+    `part(a, b)` are the frames from a to b; `turned` where rows and columns stand the other way round.
+    """
+
+    shape: tuple[int, ...]
+    kind: np.dtype
+    unit: str | None
+    part: Callable[[int, int], np.ndarray]
+
+    @property
+    def frames(self) -> int:
+        return self.shape[0] if len(self.shape) == 3 else 1
+
+
+def is_hdf5(start: bytes) -> bool:
+    """Whether the first bytes are those of HDF5, perhaps behind the block that MATLAB writes first."""
+    return start.startswith(HDF5) or start[512:520] == HDF5
+
+
+def read(
+    path: Path, start: bytes, data: bytes, unit=None, scale=None, offset=None, variable=None, every=1, limit=None
+) -> Iterator[Frames]:
+    """The images of an array file, degC, a few at a time; `variable` is asked for where there are several.
+
+    `start` are its first bytes, `data` all of them unless it is HDF5.
+    """
+    said = (unit, scale, offset)
+    if is_hdf5(start):
+        yield from _hdf5(path, start, said, variable, every, limit)
+        return
+    if start.startswith(CLASSIC):
+        arrays, kind = _damaged(lambda: _classic(data, limit), "NetCDF"), "NetCDF"
     else:
-        arrays, kind = _damaged(_matlab, data, "MATLAB"), "MATLAB"
-    name, values, said_unit = _chosen(arrays, variable)
-    if scale is not None or offset is not None or values.dtype.kind in "ui":
-        T, note = linear(values, scale, offset, f"{values.dtype} array '{name}'"), ""
-    else:
-        T, note = celsius(values, unit or said_unit)
-    T = np.where(np.isfinite(T), T, np.nan)
-    time = next((arrays[t][0].ravel() for t in TIMES if t in arrays and arrays[t][0].size == len(T)), None)
-    notes = (f"array '{name}'", *([note] if note else []))
-    return Frames(kind, T, time=time, outside=int(np.isnan(T).sum()), notes=notes)
+        arrays, kind = _damaged(lambda: _matlab(data, limit), "MATLAB"), "MATLAB"
+    yield from _frames(kind, arrays, *_chosen(arrays, variable), said, every, limit)
 
 
-def _damaged(reader, data: bytes, kind: str):
+def _damaged(reader: Callable[[], Any], kind: str) -> Any:
     try:
-        return reader(data)
-    except BadInput:
+        return reader()
+    except (BadInput, MemoryError):
         raise
     except Exception as fault:  # damage raises whatever it hits
-        raise BadInput(f"damaged {kind} file ({' '.join(str(fault).split())[:120]}); {AGAIN}") from fault
+        raise BadInput(f"damaged {kind} file ({short(' '.join(str(fault).split()))[:120]}); {AGAIN}") from fault
 
 
-def _is_recording(data: bytes) -> bool:
+def _hdf5(path: Path, start: bytes, said, variable, every: int, limit) -> Iterator[Frames]:
     import h5py
 
-    try:
-        with h5py.File(io.BytesIO(data)) as file:
-            return "view" in file.attrs and "temperature" in file
-    except Exception:  # told by the reader that comes next
-        return False
+    matlab = start.startswith(MATLAB)
+    file = _damaged(lambda: h5py.File(path), "HDF5")
+    with file:
+        if not matlab and _damaged(lambda: "view" in file.attrs and "temperature" in file, "HDF5"):
+            yield _recording(path, limit).every(every)
+            return
+        arrays = _damaged(lambda: _datasets(file, matlab), "HDF5")
+        yield from _frames("MATLAB v7.3" if matlab else "HDF5", arrays, *_chosen(arrays, variable), said, every, limit)
 
 
-def _recording(path: Path) -> Frames:
+def _datasets(file, matlab: bool) -> dict[str, Array]:
+    """Every dataset of numbers; MATLAB stores the last index first, (frames, columns, rows)."""
+    from flashtemp.physics import bounded_hdf5
+
+    def array(found) -> Array:
+        shape = found.shape if not matlab or len(found.shape) < 2 else (*found.shape[:-2], *found.shape[:-3:-1])
+
+        def part(a: int, b: int) -> np.ndarray:
+            values = np.asarray(found[a:b] if found.ndim == 3 else found[()])
+            return values.swapaxes(-1, -2) if matlab and values.ndim > 1 else values
+
+        unit = bounded_hdf5.text(found, "units") or bounded_hdf5.text(found, "unit")
+        return Array(tuple(shape), found.dtype, unit, part)
+
+    numbers = {k: d for k, d in bounded_hdf5.datasets(file).items() if d.dtype.kind in "fui" and d.ndim}
+    for name, d in numbers.items():
+        if d.chunks and d.id.get_storage_size() == 0 and d.size:
+            raise BadInput(f"array '{short(name)}' of shape {d.shape} holds no data; {AGAIN}")
+        fits(math.prod(d.chunks or (1,)), None, f"one chunk of array '{short(name)}'")
+    return {k: array(d) for k, d in numbers.items()}
+
+
+def _frames(kind: str, arrays: dict[str, Array], name: str, found: Array, said, every: int, limit) -> Iterator[Frames]:
+    """Frames of an array, as many at a time as `PIECE` allows."""
+    unit, scale, offset = said
+    rows, columns = found.shape[-2:]
+    step = max(1, PIECE // (rows * columns))
+    fits(step * rows * columns, limit, f"{step} frames of array '{short(name)}' of shape {found.shape}")
+    time = _times(arrays, found.frames, limit)
+    note = ""
+    for begin in range(0, found.frames, step):
+        chosen = np.arange(begin, min(begin + step, found.frames))
+        chosen = chosen[chosen % every == 0]
+        if not len(chosen):
+            continue
+        values = stacked(_damaged(partial(found.part, begin, begin + step), kind))[chosen - begin]
+        if scale is not None or offset is not None or values.dtype.kind in "ui":
+            T = linear(values, scale, offset, f"{values.dtype} array '{short(name)}'")
+        else:
+            T, note = celsius(values, unit or found.unit)
+        T = np.where(np.isfinite(T), T, np.nan)
+        notes = (f"array '{short(name)}'", *([note] if note else []))
+        at = None if time is None else time[chosen]
+        yield Frames(kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes)
+
+
+def _times(arrays: dict[str, Array], frames: int, limit) -> np.ndarray | None:
+    """The array of times that has one number per frame."""
+    for name in TIMES:
+        if name in arrays and math.prod(arrays[name].shape) == frames:
+            fits(frames, limit, f"array '{name}'")
+            return np.asarray(arrays[name].part(0, frames), dtype=float).ravel()
+    return None
+
+
+def _recording(path: Path, limit) -> Frames:
     """A recording of contract 5.4: place, time and repetition are known; rows are turned so that v points up."""
-    known = recording.load(path)
+    known = recording.load(path, limit)
     said = {"emissivity": known.emissivity, "reflected": known.reflected_degC}
     return Frames(
         "recording",
@@ -81,57 +163,62 @@ def _recording(path: Path) -> Frames:
     )
 
 
-def _hdf5(data: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
-    import h5py
-
-    found = {}
-
-    def visit(name, item):
-        name = name if isinstance(name, str) else name.decode("latin-1")  # a damaged name stays bytes
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fui" and item.size <= 40 * MOST_PIXELS:
-            if item.ndim and item.size > 4000 * len(data):
-                raise BadInput(f"array '{name}' of shape {item.shape} in a file of {len(data)} bytes; {AGAIN}")
-            unit = item.attrs.get("units", item.attrs.get("unit"))
-            unit = unit.decode("ascii", "replace") if isinstance(unit, bytes) else unit
-            found[name] = (np.asarray(item), unit if isinstance(unit, str) else None)
-
-    with h5py.File(io.BytesIO(data)) as file:
-        file.visititems(visit)
-    return found
+def _held(values: np.ndarray, unit: str | None = None) -> Array:
+    """An array that is in memory already."""
+    return Array(values.shape, values.dtype, unit, lambda a, b: values[a:b] if values.ndim == 3 else values)
 
 
-def _classic(data: bytes):
+def _classic(data: bytes, limit) -> dict[str, Array]:
     from scipy.io import netcdf_file
 
     with netcdf_file(io.BytesIO(data), mmap=False) as file:
-        return {k: (_native(v[:]), getattr(v, "units", b"").decode() or None) for k, v in file.variables.items()}
+        found = {}
+        for name, v in file.variables.items():
+            fits(math.prod(v.shape), limit, f"array '{short(name)}' of shape {v.shape}")
+            unit = getattr(v, "units", b"")
+            found[name] = _held(_native(v[:]), unit.decode("latin-1") if isinstance(unit, bytes) else None)
+        return found
 
 
 def _native(values: np.ndarray) -> np.ndarray:
     return np.array(values, dtype=values.dtype.newbyteorder("="))
 
 
-def _matlab(data: bytes):
+def _matlab(data: bytes, limit) -> dict[str, Array]:
     """MATLAB's own order (rows, columns, frames), turned to (frames, rows, columns)."""
-    return {k: (np.moveaxis(v, -1, 0) if v.ndim == 3 else v, None) for k, v in matlab.read(data).items()}
+    found = matlab.read(data, limit)
+    return {k: _held(np.moveaxis(v, -1, 0) if v.ndim == 3 else v) for k, v in found.items()}
 
 
-def _chosen(arrays, variable):
-    """Name, images (frames, rows, columns) and unit of the array to read; Frame0, Frame1, ... are one stack."""
-    images = {k: (stacked(v), u) for k, (v, u) in arrays.items() if v.ndim in (2, 3) and min(v.shape[-2:]) > 1}
-    numbered = sorted((k for k in images if re.fullmatch(r"\D+\d+", k)), key=lambda k: int(re.findall(r"\d+", k)[0]))
-    stems = {re.sub(r"\d+$", "", k) for k in numbered}
-    if len(numbered) > 1 and len(stems) == 1 and len({images[k][0].shape for k in numbered}) == 1 and not variable:
-        stack = np.concatenate([images[k][0] for k in numbered])
-        images = {k: v for k, v in images.items() if k not in numbered} | {stems.pop(): (stack, images[numbered[0]][1])}
+def _together(images: list[Array]) -> Array:
+    """Single images, one after another."""
+
+    def part(a: int, b: int) -> np.ndarray:
+        return np.stack([image.part(0, 1) for image in images[a:b]])
+
+    return Array((len(images), *images[0].shape), images[0].kind, images[0].unit, part)
+
+
+def _chosen(arrays: dict[str, Array], variable: str | None) -> tuple[str, Array]:
+    """Name and images of the array to read; Frame0, Frame1, ... are one stack."""
+    images = {k: a for k, a in arrays.items() if len(a.shape) in (2, 3) and min(a.shape[-2:]) > 1 and a.frames}
+    numbered = {k: m for k in images if (m := NUMBERED.fullmatch(k))}
+    order = sorted(numbered, key=lambda k: int(numbered[k][2]))
+    stems = {m[1] for m in numbered.values()}
+    alike = len({(images[k].shape, images[k].kind) for k in order}) == 1
+    if len(order) > 1 and len(stems) == 1 and alike and not variable and len(images[order[0]].shape) == 2:
+        together = _together([images[k] for k in order])
+        images = {k: a for k, a in images.items() if k not in numbered} | {stems.pop(): together}
     if variable is not None:
         if variable not in images:
-            raise BadInput(f"variable: no images '{variable}' in it; known are {', '.join(images) or 'none at all'}")
-        return variable, *images[variable]
+            names = ", ".join(short(k) for k in list(images)[:16]) or "none at all"
+            raise BadInput(f"variable: no images '{variable}' in it; known are {names}")
+        return variable, images[variable]
     if len(images) > 1 and "temperature" in images:
-        return "temperature", *images["temperature"]
+        return "temperature", images["temperature"]
     if len(images) != 1:
-        what = ", ".join(f"'{k}' {v.shape}" for k, (v, _) in images.items()) or "no array of two or three dimensions"
+        what = ", ".join(f"'{short(k)}' {a.shape}" for k, a in list(images.items())[:16])
+        what = what or "no array of two or three dimensions"
         raise BadInput(f"holds {what}; give the one with the temperatures, --variable NAME")
-    [(name, (values, unit))] = images.items()
-    return name, values, unit
+    [(name, found)] = images.items()
+    return name, found

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import math
 import struct
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from flashtemp.camera.plausible import fits
 from flashtemp.camera.radiometry import CONSTANTS, NAMES, ObjectParameters, Planck, object_temperature
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, need
+from flashtemp.camera.source import Source, unpacked
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
@@ -30,16 +34,24 @@ FLOATS = {  # record INFO: attribute, offset
     "window": 0x34, "humidity": 0x3C, "R1": 0x58, "B": 0x5C, "F": 0x60, "alpha1": 0x70, "alpha2": 0x74,
     "beta1": 0x78, "beta2": 0x7C, "X": 0x80, "highest": 0x98, "lowest": 0x9C, "R2": 0x30C,
 }  # fmt: skip
+PLAUSIBLE = {  # constants of the calibration and of the air: lowest, highest of any camera
+    "B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6), "alpha1": (1e-3, 0.05), "alpha2": (1e-3, 0.05),
+    "beta1": (-0.05, 0.01), "beta2": (-0.05, 0.01), "X": (0.5, 4.0),
+}  # fmt: skip
+PIECE = 4_000_000  # pixels that are turned into temperatures at a time
 IN_KELVIN = ("reflected", "air", "window_temperature", "highest", "lowest")
 
 
 @dataclass(frozen=True)
 class Block:
-    """One FFF block: bytes `begin` to `end` of the data, `records` {type: (offset, length)}."""
+    """One FFF block: bytes `begin` to `end` of the data, `records` {type: (offset, length, checksums)}.
+
+    A checksum is a CRC-32 of the record in either byte order; cameras that write none write 0.
+    """
 
     begin: int
     end: int
-    records: dict[int, tuple[int, int]]
+    records: dict[int, tuple[int, int, tuple[int, ...]]]
 
 
 def joined(jpeg: bytes) -> bytes:
@@ -58,52 +70,73 @@ def joined(jpeg: bytes) -> bytes:
     return b"".join(pieces[n] for n in range(last + 1))
 
 
-def blocks(data: bytes):
+def blocks(data: bytes | Source) -> Iterator[Block]:
     """Every FFF block of the data in order; a block that is cut off or broken raises BadInput."""
     begin, number = 0, 0
     while begin >= 0:
         number += 1
         block = _block(data, begin, number)
         yield block
-        found = [p for p in (data.find(m, block.end) for m in MAGIC) if p >= 0]
-        begin = min(found, default=-1)
+        begin = _next(data, block.end)
 
 
-def _block(data: bytes, begin: int, number: int) -> Block:
+def _next(data: bytes | Source, begin: int) -> int:
+    """Where the next block begins; -1 where there is none."""
+    near = data[begin : begin + HEADER]
+    found = [p for m in MAGIC if (p := near.find(m)) >= 0]
+    if found:
+        return begin + min(found)
+    return min((p for p in (data.find(m, begin) for m in MAGIC) if p >= 0), default=-1)
+
+
+def _block(data: bytes | Source, begin: int, number: int) -> Block:
     if begin + HEADER > len(data):
         raise BadInput(f"frame {number} is cut off in its header; {AGAIN}")
-    order = next((o for o in "<>" if 100 <= struct.unpack_from(o + "I", data, begin + 0x14)[0] < 300), None)
+    order = next((o for o in "<>" if 100 <= unpacked(data, o + "I", begin + 0x14)[0] < 300), None)
     if order is None:
         raise BadInput(f"frame {number} has no readable FFF header; {AGAIN}")
-    start, entries = struct.unpack_from(order + "2I", data, begin + 0x18)
+    start, entries = unpacked(data, order + "2I", begin + 0x18)
     end = start + ENTRY * entries
     if entries > 1000 or begin + end > len(data):
         raise BadInput(f"frame {number}: the directory of its records is cut off; {AGAIN}")
-    records: dict[int, tuple[int, int]] = {}
+    directory = data[begin + start : begin + end]
+    records: dict[int, tuple[int, int, tuple[int, ...]]] = {}
     for k in range(entries):
-        at = begin + start + ENTRY * k
-        (kind,) = struct.unpack_from(order + "H", data, at)
-        offset, length = struct.unpack_from(order + "2I", data, at + 12)
+        kind, _, _, _, offset, length, _, _, checksum = unpacked(directory, order + "2H7I", ENTRY * k)
         if kind in (COUNTS, INFO):
             if begin + offset + length > len(data) + PADDING:
                 raise BadInput(
                     f"frame {number} is cut off: it needs {offset + length} bytes and has {len(data) - begin}; {AGAIN}"
                 )
-            records.setdefault(kind, (begin + offset, length))
+            sums = (checksum, int.from_bytes(checksum.to_bytes(4, "little"), "big")) if checksum else ()
+            records.setdefault(kind, (begin + offset, length, sums))
         if kind and begin + offset + length <= len(data):
             end = max(end, offset + length)
     return Block(begin, begin + end, records)
 
 
-def counts(record: bytes) -> np.ndarray:
+def _record(data: bytes | Source, block: Block, kind: int, number: int) -> bytes:
+    """A record of a block, whole as far as its checksum tells."""
+    what = {COUNTS: "counts", INFO: "calibration"}[kind]
+    if kind not in block.records:
+        raise BadInput(f"frame {number} has no record of its {what}; choose a radiometric file of the camera")
+    at, length, sums = block.records[kind]
+    record = data[at : at + length]
+    if sums and zlib.crc32(record) not in sums:
+        raise BadInput(f"frame {number}: the checksum of its {what} does not fit: they are damaged or changed; {AGAIN}")
+    return record
+
+
+def counts(record: bytes, limit: float | None = None) -> np.ndarray:
     """Counts (rows, columns), 16 bits, of a record: plain, PNG or JPEG-LS."""
     order = "<" if record[:2] == b"\x02\0" else ">"
     if len(record) < RAW_HEADER or struct.unpack_from(order + "H", record)[0] != 2:
         raise BadInput(f"the record of the counts has no readable header; {AGAIN}")
-    columns, rows = struct.unpack_from(order + "2H", record, 2)
+    columns, rows = _size(record, order)
     payload = record[RAW_HEADER:]
     if not 0 < rows * columns <= MOST_PIXELS:
         raise BadInput(f"an image of {columns} x {rows} pixels; {AGAIN}")
+    fits(rows * columns, limit, f"an image of {columns} x {rows} pixels")
     if payload.startswith(PNG):
         return _smoother(_decoded(payload, (rows, columns), "png_decode", struct.unpack_from(">2I", payload, 16)))
     if payload.startswith(JPEG) and (size := _jpegls_size(payload)):
@@ -111,6 +144,14 @@ def counts(record: bytes) -> np.ndarray:
     if len(payload) < 2 * rows * columns:
         raise BadInput(f"{len(payload)} bytes of counts for {columns} x {rows} pixels; {AGAIN}")
     return np.frombuffer(payload, order + "u2", rows * columns).reshape(rows, columns).astype(np.uint16)
+
+
+def _size(record: bytes, order: str) -> tuple[int, int]:
+    """Columns and rows of a record's image, which most cameras write twice: as numbers and as last places."""
+    columns, rows, _, _, _, last_column, _, last_row = struct.unpack_from(order + "8H", record, 2)
+    if (last_column, last_row) not in ((0, 0), (columns - 1, rows - 1)):
+        raise BadInput(f"an image of {columns} x {rows} pixels that ends at {last_column}, {last_row}; {AGAIN}")
+    return columns, rows
 
 
 def _jpegls_size(payload: bytes) -> tuple[int, int] | None:
@@ -154,6 +195,7 @@ class Info:
     camera: str
     clock: float | None
     fps: float | None
+    size: tuple[int, int]
 
 
 def info(record: bytes) -> Info:
@@ -170,7 +212,7 @@ def info(record: bytes) -> Info:
         values["humidity"] /= 100
     camera = record[0xD4:0xF4].split(b"\0")[0].decode("ascii", "replace").strip()
     fps = struct.unpack_from(order + "H", record, 0x464)[0] if len(record) >= 0x466 else 0
-    return Info(values, camera, _clock(record, order), float(fps) if fps else None)
+    return Info(values, camera, _clock(record, order), float(fps) if fps else None, _size(record, order))
 
 
 def _clock(record: bytes, order: str) -> float | None:
@@ -192,6 +234,11 @@ def _table(planck: Planck, parameters: ObjectParameters, own: ObjectParameters, 
 def physics(info: Info, given: dict[str, float], planck: Planck | None):
     """What `_table` needs of a frame; what a person gives goes before what the file says."""
     v = info.values
+    for name, (low, high) in PLAUSIBLE.items():
+        if not low <= v[name] <= high and not (planck and name in "BFO"):
+            raise BadInput(
+                f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g}; {AGAIN}"
+            )
     planck = planck or Planck(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
     said = {k: v[k] for k in (*NAMES, *CONSTANTS)}
     if said["window"] == 1:
@@ -207,29 +254,47 @@ def physics(info: Info, given: dict[str, float], planck: Planck | None):
     return planck, parameters, own, lowest, highest
 
 
-def read(data: bytes, name: str, given: dict[str, float], planck: Planck | None = None, every: int = 1) -> Frames:
-    """Frames of FFF data, one of `every`, degC with the file's parameters or those given instead."""
+def read(
+    data: bytes | Source,
+    name: str,
+    given: dict[str, float],
+    planck: Planck | None = None,
+    every: int = 1,
+    limit: float | None = None,
+) -> Iterator[Frames]:
+    """Frames of FFF data, one of `every`, a few at a time, degC with the file's parameters or those given instead."""
     images: list[np.ndarray] = []
-    infos, found = [], []
+    infos: list[Info] = []
+    found: list[tuple] = []
+    first: tuple | None = None
+    shape = None
     for number, block in enumerate(blocks(data), 1):
         if (number - 1) % every:
             continue
-        for kind, what in ((COUNTS, "counts"), (INFO, "calibration")):
-            if kind not in block.records:
-                raise BadInput(f"frame {number} has no record of its {what}; choose a radiometric file of the camera")
-        pieces = {kind: data[at : at + length] for kind, (at, length) in block.records.items()}
-        image, about = counts(pieces[COUNTS]), info(pieces[INFO])
-        if images and image.shape != images[0].shape:
-            raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {images[0].shape}; {AGAIN}")
-        setting = physics(about, given, planck)
+        record = _record(data, block, INFO, number)
+        about, image = info(record), counts(_record(data, block, COUNTS, number), limit)
+        if about.size not in ((0, 0), image.shape[::-1]):
+            raise BadInput(f"frame {number} has {image.shape[::-1]} pixels and a calibration for {about.size}; {AGAIN}")
+        if image.shape != (shape := shape or image.shape):
+            raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {shape}; {AGAIN}")
         images.append(image)
         infos.append(about)
-        found.append(setting)
+        found.append(physics(about, given, planck))
+        first = first or found[0]
+        if (len(images) + 1) * image.size > PIECE:
+            yield _frames(name, images, infos, found, first, every)
+            images, infos, found = [], [], []
+    if images:
+        assert first is not None  # set with the first image
+        yield _frames(name, images, infos, found, first, every)
+
+
+def _frames(name: str, images, infos: list[Info], found: list[tuple], first: tuple, every: int) -> Frames:
     T = np.empty((len(images), *images[0].shape))
     for temperature, image, setting in zip(T, images, found, strict=True):
         temperature[:] = _table(*setting)[image]
     clocks = [i.clock for i in infos]
-    change = any(f != found[0] for f in found)
+    change = any(f != first for f in found)
     return Frames(
         format=name,
         temperature=T,

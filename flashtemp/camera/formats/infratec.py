@@ -11,6 +11,7 @@ import struct
 
 import numpy as np
 
+from flashtemp.camera.plausible import fits
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
@@ -23,11 +24,13 @@ AGAIN = "copy it again or export it anew; what is there cannot be used"
 ASCII = "export it from IRBIS as ASCII (File, Export) and give that"
 
 
-def read(data: bytes) -> Frames:
+def read(data: bytes, limit: float | None = None) -> Frames:
     """All images of an IRB file, degC; compressed images and video (another layout) raise BadInput."""
     images, clocks = [], []
+    places = list(_directory(data))
+    fits(sum(length - PIXELS for _, length in places) // 2, limit, f"{len(places)} images at once")
     said: dict[str, float] = {}
-    for at, length in _directory(data):
+    for at, length in places:
         image = data[at : at + length]
         images.append(_temperatures(image))
         clocks.append(_clock(image))
@@ -41,7 +44,7 @@ def read(data: bytes) -> Frames:
         temperature=np.stack(images),
         clock=None if None in clocks else np.array(clocks),
         said=said,
-        camera=_text(data, images_at=next(_directory(data))[0]),
+        camera=_text(data, images_at=places[0][0]),
     )
 
 
@@ -52,11 +55,15 @@ def _directory(data: bytes):
     start, entries = struct.unpack_from("<2I", data, 25)
     if not 0 < entries <= 100_000 or start + ENTRY * entries > len(data):
         raise BadInput(f"the directory of its blocks is cut off or damaged; {AGAIN}")
+    seen: set[int] = set()
     for k in range(entries):
         kind, _, _, at, length = struct.unpack_from("<5I", data, start + ENTRY * k)
         if kind == IMAGE:
             if at + length > len(data):
                 raise BadInput(f"cut off: an image needs {at + length} bytes and the file has {len(data)}; {AGAIN}")
+            if at < start + ENTRY * entries or at in seen:
+                raise BadInput(f"two blocks of it lie at one place; {AGAIN}")
+            seen.add(at)
             if length < PIXELS:
                 raise BadInput(f"an image block of {length} bytes is none of a single image; {ASCII}")
             yield at, length
@@ -64,6 +71,9 @@ def _directory(data: bytes):
 
 def _temperatures(image: bytes) -> np.ndarray:
     depth, compressed, columns, rows = struct.unpack_from("<4H", image)
+    last_column, last_row = struct.unpack_from("<H2xH", image, 14)
+    if (last_column, last_row) not in ((0, 0), (columns - 1, rows - 1)):
+        raise BadInput(f"an image of {columns} x {rows} pixels that ends at {last_column}, {last_row}; {AGAIN}")
     if compressed or depth != 2:
         kind = "compressed" if compressed else f"{depth} bytes per pixel"
         raise BadInput(f"its images are of a kind that cannot be read here ({kind}); {ASCII}")
@@ -76,6 +86,8 @@ def _temperatures(image: bytes) -> np.ndarray:
     pixels = np.frombuffer(image, np.uint8, 2 * rows * columns, PIXELS).reshape(rows, columns, 2)
     fraction, index = pixels[..., 0] / 256.0, pixels[..., 1]
     steps = np.diff(palette, append=palette[-1])
+    if np.any(steps[index.min() : max(int(index.max()), 1)] <= 0):
+        raise BadInput(f"the palette of its temperatures does not rise: it is damaged; {AGAIN}")
     return palette[index] + fraction * steps[index] - KELVIN
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
-from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, celsius, linear, need, stacked
-from flashtemp.errors import BadInput
+from flashtemp.camera.plausible import fits
+from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, celsius, linear, need
+from flashtemp.errors import BadInput, short
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 PNG = b"\x89PNG\r\n\x1a\n"
+PIECE = 4_000_000  # pixels that are turned into temperatures at a time
 AGAIN = "copy it again or export it anew and give that"
 NO_COLOURS = (
     "holds colours, not temperatures: nobody can turn them back; give the radiometric file of the camera"
@@ -20,28 +24,50 @@ NO_COLOURS = (
 )
 
 
-def read(data: bytes, unit=None, scale=None, offset=None) -> Frames:
-    """All pages of a TIFF file, degC: T = scale count + offset, or floating-point temperatures in `unit`."""
+def read(
+    path: Path, unit=None, scale=None, offset=None, every: int = 1, limit: float | None = None
+) -> Iterator[Frames]:
+    """Pages of a TIFF file, one of `every`, degC: T = scale count + offset, or floating-point values in `unit`."""
     tifffile = need("tifffile")
     need("imagecodecs")  # tifffile calls it for compressed pages
-    logger = logging.getLogger("tifffile")
+    size, kind, held = path.stat().st_size, None, []
+    with _quiet("tifffile"):
+        try:
+            with tifffile.TiffFile(path) as file:
+                for number, page in enumerate(file.pages):
+                    image = _page(page, size, limit)
+                    if kind is not None and (image.shape, image.dtype) != kind:
+                        raise BadInput(f"pages of different sizes or kinds in one TIFF; {AGAIN}")
+                    kind = image.shape, image.dtype
+                    if number % every == 0:
+                        held.append(image)
+                    if (len(held) + 1) * image.size > PIECE:
+                        yield _frames(np.stack(held), "TIFF", unit, scale, offset)
+                        held = []
+        except (BadInput, MemoryError):
+            raise
+        except Exception as fault:  # damage raises whatever it hits
+            said = short(" ".join(str(fault).split()))
+            raise BadInput(f"damaged TIFF ({said[:120]}); {AGAIN}") from fault
+        if kind is None:
+            raise BadInput(f"a TIFF without any page; {AGAIN}")
+    if held:
+        yield _frames(np.stack(held), "TIFF", unit, scale, offset)
+
+
+@contextmanager
+def _quiet(name: str) -> Iterator[None]:
+    """What a library logs of damage is told once, by BadInput."""
+    logger = logging.getLogger(name)
     level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)  # damage is told once, by BadInput
+    logger.setLevel(logging.CRITICAL + 1)
     try:
-        with tifffile.TiffFile(io.BytesIO(data)) as file:
-            pages = [_page(page, len(data)) for page in file.pages]
-    except BadInput:
-        raise
-    except Exception as fault:  # damage raises whatever it hits
-        raise BadInput(f"damaged TIFF ({' '.join(str(fault).split())[:120]}); {AGAIN}") from fault
+        yield
     finally:
         logger.setLevel(level)
-    if len({(p.shape, p.dtype) for p in pages}) != 1:
-        raise BadInput(f"pages of different sizes or kinds (or none at all) in one TIFF; {AGAIN}")
-    return _frames(np.concatenate([stacked(p) for p in pages]), "TIFF", unit, scale, offset)
 
 
-def _page(page, size: int) -> np.ndarray:
+def _page(page, size: int, limit: float | None) -> np.ndarray:
     pixels = int(np.prod(page.shape)) if page.shape else 0
     if not 0 < pixels <= MOST_PIXELS or pixels > 4000 * size:
         raise BadInput(f"a page of shape {tuple(page.shape)} in a file of {size} bytes: damaged; {AGAIN}")
@@ -49,10 +75,16 @@ def _page(page, size: int) -> np.ndarray:
         raise BadInput(f"TIFF of shape {tuple(page.shape)} and {page.dtype} {NO_COLOURS}")
     if page.is_final and any(o + n > size for o, n in zip(page.dataoffsets, page.databytecounts, strict=False)):
         raise BadInput(f"cut off: the file has {size} bytes and its image more; {AGAIN}")
-    return page.asarray()
+    fits(pixels, limit, f"a page of shape {tuple(page.shape)}")
+    tile = int(np.prod(page.chunks)) if page.chunks else 1
+    fits(tile, limit, f"a strip of shape {tuple(page.chunks)}")
+    image = page.asarray()
+    if image.shape != tuple(page.shape):
+        raise BadInput(f"a page of shape {image.shape} and {tuple(page.shape)}: damaged; {AGAIN}")
+    return image
 
 
-def read_png(data: bytes, scale=None, offset=None) -> Frames:
+def read_png(data: bytes, scale=None, offset=None, limit: float | None = None) -> Frames:
     """One 16-bit grey PNG, degC: T = scale count + offset; 8 bits or colours raise BadInput."""
     if len(data) < 33:
         raise BadInput(f"PNG cut off in its header; {AGAIN}")
@@ -61,6 +93,7 @@ def read_png(data: bytes, scale=None, offset=None) -> Frames:
         raise BadInput(f"PNG of {depth} bits {NO_COLOURS}")
     if not 0 < rows * columns <= MOST_PIXELS:
         raise BadInput(f"PNG of {columns} x {rows} pixels; {AGAIN}")
+    fits(rows * columns, limit, f"PNG of {columns} x {rows} pixels")
     try:
         image = need("imagecodecs").png_decode(data)
     except BadInput:
@@ -70,10 +103,17 @@ def read_png(data: bytes, scale=None, offset=None) -> Frames:
     return _frames(image[None], "PNG", None, scale, offset)
 
 
+def clipped_counts(values: np.ndarray) -> np.ndarray:
+    """Mask of the counts at the ends of their type, 0 and 65535, beyond which a camera cannot count."""
+    ends = np.iinfo(values.dtype)
+    return (values == ends.min) | (values == ends.max)
+
+
 def _frames(values: np.ndarray, kind: str, unit, scale, offset) -> Frames:
     bits = 8 * values.dtype.itemsize
     if values.dtype.kind in "ui":
         T, note = linear(values, scale, offset, f"{bits}-bit {kind}"), ""
+        T[clipped_counts(values)] = np.nan
     elif values.dtype.kind == "f":
         T, note = celsius(values, unit)
     else:

@@ -14,7 +14,8 @@ from statistics import mode
 
 import numpy as np
 
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Value
 
 DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
@@ -22,6 +23,7 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?")
 MISSING = {"", "-", "--", "nan", "n/a", "na"}
 ALIKE = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
 SAMPLE = 200  # lines that tell separator and decimal sign
+LONGEST_NAME = 80  # characters of a column's name with its unit
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def read(
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
     name = f"{key}: {source}"
     prefix = f"{name}:"
-    lines = _text(path, prefix).splitlines()
+    lines = bounded_reading.lines(_text(path, prefix), name)
     dialect = _dialect(lines)
     header, data, at, width = _parts(lines, dialect, prefix)
     if not data:
@@ -136,7 +138,7 @@ def _si(values: Value, quantity: Quantity, unit: str) -> np.ndarray:
 
 
 def _text(path: Path, prefix: str) -> str:
-    raw = path.read_bytes()
+    raw = bounded_reading.raw(path, prefix.rstrip(":"))
     try:
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return raw.decode("utf-16")
@@ -153,6 +155,8 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _number(cell: str, comma: bool) -> float | None:
+    if len(cell) > bounded_reading.LONGEST_NUMBER:
+        return None
     if comma:
         if "." in cell or cell.count(",") > 1 or cell.endswith(","):
             return None
@@ -184,7 +188,7 @@ def _dialect(lines: list[str]) -> Value:
 
 def _parts(lines: list[str], dialect: Value, prefix: str) -> Value:
     """Header lines, rows of numbers, their line numbers and the usual width; a header may come again in between."""
-    header, data, at = [], [], []
+    header, data, at = {}, [], []
     for number, line in enumerate(lines, 1):
         text = line.strip()
         if not text:
@@ -194,10 +198,20 @@ def _parts(lines: list[str], dialect: Value, prefix: str) -> Value:
             data.append(row)
             at.append(number)
         elif not data:
-            header.append(line.lstrip("#% ") if text[0] in "#%" else line)
+            header[line.lstrip("#% ") if text[0] in "#%" else line] = number
         elif text[0] not in "#%" and line not in header:
-            raise BadInput(f"{prefix}{number}: {text[:40]!r} is not a row of numbers; remove or repair it")
-    return header, data, at, mode(map(len, data)) if data else 0
+            raise BadInput(f"{prefix}{number}: {short(text)[:40]!r} is not a row of numbers; remove or repair it")
+    width = mode(map(len, data)) if data else 0
+    for line, number in header.items():
+        _no_damaged_row(_cells(line, dialect[0]), width, dialect[1], f"{prefix}{number}")
+    return list(header), data, at, width
+
+
+def _no_damaged_row(cells: list[str], width: int, comma: bool, place: str) -> None:
+    """BadInput for a line above the numbers that is a row of them with a slip in it, as O.1 for 0.1."""
+    wrong = [c for c in cells if _number(c, comma) is None]
+    if len(cells) == width and wrong and all(map(bounded_reading.mistyped, wrong)):
+        raise BadInput(f"{place}: {short(repr(wrong[0]))} is not a number; repair it, or put # before a line of words")
 
 
 def _columns(header: list[str], quantities: Value, width: int, separator: str, prefix: str) -> dict[str, Column]:
@@ -235,6 +249,8 @@ def _recognised(parts: list[str], quantities: Value) -> dict[str, tuple[int, str
 
 def _match(cell: str, quantity: Quantity) -> tuple[str, str | None] | None:
     """(name, unit text or None) of a header cell that names the quantity, else None."""
+    if len(cell) > LONGEST_NAME:
+        return None
     bracket = re.fullmatch(r"(.*?)(\s*)[(\[]([^()\[\]]*)[)\]]", cell)
     if bracket and (bracket[2] or unit_word(bracket[3]) in quantity.units):
         return (bracket[1], unit_word(bracket[3])) if quantity.fits(bracket[1]) else None

@@ -32,7 +32,7 @@ RADIANS = {k: (1.0, 0.0) for k in ("rad/s", "rads-1", "1/s", "s-1")}
 
 FREQUENCY = Quantity(
     "frequency",
-    r"(?:angular|circular|ang|reduced|red|shifted|test)*(?:frequency|freq|frequenz|omega|f|w|ω)+(?:at|red|reduced)?",
+    r"(?:angular|circular|ang|reduced|red|shifted|test){0,4}(?:frequency|freq|frequenz|omega|f|w|ω){1,4}(?:at|red|reduced)?",
     TURNS | RADIANS,
     (("ang|circ|omega|^w|ω", "rad/s"), ("f", "Hz"), (ANY, "rad/s")),
     "f (Hz) or omega (rad/s)",

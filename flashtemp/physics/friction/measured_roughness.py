@@ -36,24 +36,24 @@ LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 ANY = ""  # fits every name
 WAVENUMBER = Quantity(
     "wavenumber",
-    r"q|k|(?:wave|number|vector|spatial|angular|frequency)+[qk]?",
+    r"q|k|(?:wave|number|vector|spatial|angular|frequency){1,6}[qk]?",
     {name.format(u): (1 / f, 0.0) for u, f in LENGTHS.items() for name in ("1/{}", "rad/{}", "{}-1")},
     ((ANY, "1/m"),),
     "q (1/m)",
 )  # fmt: skip
 DENSITY = Quantity(
     "power spectrum",
-    r"C|(?:psd|isotropic|iso|2d|power|spectr(?:um|al)|density|c(?:iso|2d)?|cq|q)+",
+    r"C|(?:psd|isotropic|iso|2d|power|spectr(?:um|al)|density|c(?:iso|2d)?|cq|q){1,6}",
     {f"{u}4": (f**4, 0.0) for u, f in LENGTHS.items()},
     ((ANY, "m4"),),
     "C (m^4), isotropic: not the m^3 of a line",
 )
 DISTANCE = Quantity(
-    "distance", r"(?:x|distance|position|length|abscissa)+", {k: (f, 0.0) for k, f in LENGTHS.items()},
+    "distance", r"(?:x|distance|position|length|abscissa){1,6}", {k: (f, 0.0) for k, f in LENGTHS.items()},
     ((ANY, "m"),), "x (mm)",
 )  # fmt: skip
 HEIGHT = Quantity(
-    "height", r"(?:z|h|height|depth|elevation|profile)+", {k: (f, 0.0) for k, f in LENGTHS.items()},
+    "height", r"(?:z|h|height|depth|elevation|profile){1,6}", {k: (f, 0.0) for k, f in LENGTHS.items()},
     ((ANY, "m"),), "z (mm)",
 )  # fmt: skip
 

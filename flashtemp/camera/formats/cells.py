@@ -1,0 +1,73 @@
+"""Cells of text files as exports write them: numbers with either decimal sign, marks of no value, dates."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+
+import numpy as np
+
+LONGEST = 64  # characters of a cell that can be a number, a mark or a label
+NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
+NO_VALUE = re.compile(r"(?:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*|)", re.IGNORECASE)
+UNIT = re.compile(r"\s*(?:°\s*[CF]|[CKF])$")
+MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
+EPOCH = datetime(1970, 1, 1)
+
+
+def cells(line: str, separator: str | None) -> list[str]:
+    """A line in cells; of a separator at its end nothing is left but one empty cell."""
+    return [c.strip().strip('"') for c in line.split(separator)]
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, perhaps with its unit."""
+    return len(cell) <= LONGEST and NUMBER.fullmatch(UNIT.sub("", cell)) is not None
+
+
+def is_mark(cell: str) -> bool:
+    """Whether a cell stands for a pixel without a value."""
+    return 0 < len(cell) <= LONGEST and NO_VALUE.fullmatch(cell) is not None
+
+
+def numeric(row: list[str]) -> int:
+    """How many cells are numbers or marks."""
+    return sum(is_number(c) or is_mark(c) for c in row)
+
+
+def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
+    """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
+    if comma:
+        rows = [[c.replace(",", ".") for c in row] for row in rows]
+    return np.array([[_value(c) for c in row] for row in rows])
+
+
+def _value(cell: str) -> float:
+    if len(cell) > LONGEST:
+        return np.inf
+    if NUMBER.fullmatch(cell):
+        try:
+            return float(cell)
+        except ValueError:  # a decimal comma where points are decimal
+            return np.inf
+    if NO_VALUE.fullmatch(cell):
+        return np.nan
+    bare = UNIT.sub("", cell)
+    return float(bare) if NUMBER.fullmatch(bare) and "," not in bare else np.inf
+
+
+def moment(text: str) -> float | None:
+    """Seconds since 1970 of a date and time like 2024-05-31 12:00:03.25; None where there is none.
+
+    >>> moment("start 1970-01-02T00:00:01.5")
+    86401.5
+    """
+    found = MOMENT.search(text)
+    if not found:
+        return None
+    try:
+        year, month, date, hour, minute, second = (int(p) for p in found.groups()[:6])
+        day = datetime(year, month, date, hour, minute, second)
+    except ValueError:
+        return None
+    return (day - EPOCH).total_seconds() + float("0." + (found.group(7) or "0"))

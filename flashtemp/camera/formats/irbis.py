@@ -1,0 +1,54 @@
+"""InfraTec IRBIS ASCII: [Settings] with KEY=VALUE, then [Data]; the header says separators, unit and size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.camera.formats.cells import cells, moment, parsed
+from flashtemp.camera.raw_frames import Frames, celsius
+from flashtemp.errors import BadInput, short
+
+START = "[Settings]"
+AGAIN = "export it anew and give that"
+SIDES = ("ImageHeight", "ImageWidth")
+NOT_DEGREES = ("amplitude", "phase", "difference")
+
+
+def read(text: str, unit: str | None) -> Frames:
+    """One image, degC, of the number of rows and columns that the header states."""
+    head, mark, body = text.partition("[Data]")
+    pairs = dict(line.split("=", 1) for line in head.splitlines() if "=" in line)
+    lines = [line for line in body.splitlines() if line.strip()]
+    if not mark or not lines:
+        raise BadInput("IRBIS header without [Data]: the file is cut off; export it anew and give that")
+    try:
+        separator = chr(int(pairs.get("DelimiterValue", "0x3B"), 16))
+        comma = chr(int(pairs.get("CommaValue", "0x2E"), 16)) == ","
+        stated = tuple(int(pairs[k]) for k in SIDES) if any(k in pairs for k in SIDES) else None
+    except (ValueError, KeyError, OverflowError) as fault:
+        raise BadInput(f"IRBIS header damaged or cut off ({short(str(fault))}); {AGAIN}") from fault
+    rows = [cells(line, separator) for line in lines]
+    if all(len(r) == len(rows[0]) and not r[-1] for r in rows):  # a separator at the end of every line
+        rows = [r[:-1] for r in rows]
+    widths = {len(r) for r in rows}
+    size = stated or (len(rows), max(widths))
+    if len(widths) > 1 or (len(rows), len(rows[0])) != size:
+        raise BadInput(
+            f"{len(rows)} rows of {min(widths)} to {max(widths)} values, the header says {size[1]} x {size[0]};"
+            " the file is cut off: export it anew and give that"
+        )
+    values = parsed(rows, separator, comma)
+    if np.any(np.isinf(values)):
+        raise BadInput("words stand among the numbers of [Data]; export it anew and give that")
+    content = pairs.get("Content", "Temperature")
+    difference = content.lower() in NOT_DEGREES
+    T, note = celsius(values, unit or pairs.get("TempUnit"), difference)
+    clock = moment(f"{pairs.get('Params.Rec.Date', '')} {pairs.get('Params.Rec.Time', '')}")
+    return Frames(
+        format="IRBIS ASCII",
+        temperature=T[None],
+        clock=None if clock is None else np.array([clock]),
+        outside=int(np.isnan(T).sum()),
+        notes=(*([note] if note else []), *([f"{content}: a difference of temperatures"] if difference else [])),
+        difference=difference,
+    )

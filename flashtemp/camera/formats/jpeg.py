@@ -1,0 +1,45 @@
+"""What a JPEG without FLIR's thermal data is: whose own data it carries, and what to export instead."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+MAKERS = {  # letters that stand in the header: whose it is, and what to ask for
+    b"DJI": (
+        "DJI R-JPEG: its temperatures are in a form that only DJI's Thermal SDK reads; convert it there (dji_irp -a"
+        " measure) or in DJI Thermal Analysis Tool to TIFF and give that"
+    ),
+    b"HIKMICRO": "HIKMICRO JPEG: export the temperatures as CSV from HIKMICRO Analyzer and give that",
+    b"Testo": "Testo JPEG: export the temperatures as CSV or XLSX from IRSoft and give the CSV",
+    b"Fluke": "Fluke JPEG: export the temperatures as CSV from SmartView and give that",
+    b"InfraTec": "InfraTec JPEG: export it from IRBIS as ASCII and give that",
+    b"Optris": "Optris JPEG: export the temperatures as CSV from PIX Connect and give that",
+}
+COMMON = (b"JFIF", b"JFXX", b"Exif", b"http://ns.adobe.com/", b"ICC_PROFILE", b"Photoshop", b"Adobe", b"MPF")
+OWN = 10_000  # bytes of a maker's own data: temperatures of the smallest sensors take more
+
+
+def without_flir(data: bytes) -> str:
+    """What to say of a JPEG in which FLIR's thermal data are missing."""
+    segments = list(_segments(data))
+    own = sum(len(body) for kind, body in segments if 0xE0 <= kind <= 0xEF and not body.startswith(COMMON))
+    if own < OWN:
+        return "JPEG without thermal data"
+    head = b"".join(body[:4096] for _, body in segments)
+    for letters, words in MAKERS.items():
+        if letters in head or letters.lower() in head:
+            return words
+    return (
+        f"JPEG with {own / 1e3:.0f} kB of its maker's own data, in a form that cannot be read here; export TIFF or CSV"
+        " with the maker's program and give that"
+    )
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of every segment before the image itself."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xDA, 0xD9):
+        (length,) = struct.unpack_from(">H", data, at + 2)
+        yield data[at + 1], data[at + 4 : at + 2 + length]
+        at += 2 + max(length, 2)

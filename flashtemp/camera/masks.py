@@ -1,0 +1,37 @@
+"""Pixels to leave out: rectangles, a file, and dead ones that the median test finds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.camera import files, geometry
+from flashtemp.camera.import_options import Facts
+from flashtemp.camera.raw_frames import Frames
+from flashtemp.errors import BadInput
+
+
+def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Dead and foreign pixels (rows, columns): rectangles, a file, and those that the median test finds."""
+    mask, notes = geometry.boxes(frames.shape, facts.mask_box or ()), []
+    if facts.mask is not None:
+        mask |= _mask_file(facts.mask, frames.shape)
+    if mask.any():
+        notes.append(f"{mask.sum()} pixels masked")
+    if facts.dead_pixels != "keep" and frames.u is None and min(frames.shape) > 2:
+        dead = geometry.dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
+        if dead.any():
+            notes.append(f"{dead.sum()} dead pixels found and masked (--dead-pixels keep leaves them)")
+        mask |= dead
+    return mask, notes
+
+
+def _mask_file(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    try:
+        values = files.read(path, unit="degC", scale=1.0, offset=0.0, below=-274.0, rows=0).temperature[0]
+    except BadInput as fault:
+        raise BadInput(*(f"mask: {t}" for t in fault.lines)) from fault
+    if values.shape != shape:
+        raise BadInput(f"mask: {path}: shape {values.shape}, images have {shape}; give one number for every pixel")
+    return np.nan_to_num(values, nan=1.0) != 0

@@ -1,0 +1,50 @@
+"""A file whose bytes are read where they are asked for: a sequence of gigabytes takes no memory."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+from typing import Any
+
+WINDOW = 1 << 20  # bytes looked through at a time
+
+
+class Source:
+    """Bytes of a file by slices, as of `bytes`: len, [a:b], find.  To be closed, or used in a `with`."""
+
+    def __init__(self, path: Path):
+        self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+        self._size = os.fstat(self._file).st_size
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._file)
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, part: slice) -> bytes:
+        begin, end, _ = part.indices(self._size)
+        os.lseek(self._file, begin, os.SEEK_SET)
+        pieces = []
+        while begin < end and (got := os.read(self._file, end - begin)):
+            pieces.append(got)
+            begin += len(got)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+    def find(self, mark: bytes, begin: int = 0) -> int:
+        """Where a mark first stands from `begin` on; -1 where it does not."""
+        while begin < self._size:
+            found = self[begin : begin + WINDOW + len(mark) - 1].find(mark)
+            if found >= 0:
+                return begin + found
+            begin += WINDOW
+        return -1
+
+
+def unpacked(data: bytes | Source, form: str, at: int) -> tuple[Any, ...]:
+    """Numbers that stand at an offset; struct.error where the data end before."""
+    return struct.unpack(form, data[at : at + struct.calcsize(form)])

@@ -1,0 +1,80 @@
+"""HDF5 files of others, looked at before they are read: nothing outside the file, nothing too large for memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import h5py
+
+from flashtemp.errors import BadInput, short
+
+MOST_ITEMS = 10_000
+MOST_TEXT = 4096  # bytes of an attribute that is looked at
+INSIDE = "save it anew with all data inside and give that"
+
+
+def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Every dataset by its path.
+
+    Raises BadInput for links to other files, for data kept in other files and for more items than anybody reads.
+    """
+    found: dict[str, h5py.Dataset] = {}
+    count = 0
+
+    def link(name: Any, about: Any) -> None:
+        nonlocal count
+        count += 1
+        if count > MOST_ITEMS:
+            raise BadInput(f"more than {MOST_ITEMS} items in one file; give a part of it")
+        if isinstance(about, h5py.ExternalLink):
+            raise BadInput(f"'{_word(name)}' is a link to another file ({short(str(about.filename))}); {INSIDE}")
+
+    def item(name: Any, what: Any) -> None:
+        if isinstance(what, h5py.Dataset):
+            found[_word(name)] = inside(what)
+
+    file.visititems_links(link)
+    file.visititems(item)
+    return found
+
+
+def inside(dataset: h5py.Dataset) -> h5py.Dataset:
+    """The dataset, if its data lie in its own file.  Raises BadInput."""
+    made = dataset.id.get_create_plist()
+    if made.get_external_count() or made.get_layout() == h5py.h5d.VIRTUAL:
+        raise BadInput(f"'{_word(dataset.name)}' keeps its data in another file; {INSIDE}")
+    return dataset
+
+
+def check(path: Any, wanted: Callable[[str], bool], allow: Callable[[int, str], None]) -> None:
+    """Look at a file before another library reads it: `allow` hears the numbers that `wanted` datasets hold.
+
+    Raises BadInput as `datasets`, whatever `allow` raises, and OSError for what is no HDF5.
+    """
+    with h5py.File(path) as file:
+        for name, found in datasets(file).items():
+            if wanted(name):
+                allow(claimed(found), f"'{name}' of shape {found.shape}")
+
+
+def claimed(dataset: h5py.Dataset) -> int:
+    """Numbers that are in memory while a dataset is read: its own, and one of its chunks."""
+    size, chunk = int(dataset.size or 0), 1
+    for side in dataset.chunks or ():
+        chunk *= int(side)
+    return size + chunk * bool(dataset.chunks)
+
+
+def text(item: Any, name: str) -> str | None:
+    """A short text attribute; None where there is none."""
+    if name not in item.attrs or item.attrs.get_id(name).get_storage_size() > MOST_TEXT:
+        return None
+    value = item.attrs[name]
+    value = value.decode("ascii", "replace") if isinstance(value, bytes) else value
+    return value if isinstance(value, str) else None
+
+
+def _word(name: Any) -> str:
+    """A name for a message; a damaged one stays bytes."""
+    return name if isinstance(name, str) else bytes(name).decode("latin-1")

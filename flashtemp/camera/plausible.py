@@ -72,7 +72,7 @@ def temperatures(T: np.ndarray) -> None:
 def matrix(values: np.ndarray, stated: tuple[int | None, int | None], rows_said: int | None) -> None:
     """BadInput where a text matrix (rows, columns) is no whole image.
 
-    `stated` rows and columns of its header, None where it does not say; `rows_said` by a person, for a part of it, 0 for any.
+    `stated` rows and columns of its header, None where unsaid; `rows_said` by a person for a part of it, 0: any.
     """
     rows, columns = values.shape
     if columns < FEWEST or rows > LONGEST * columns or max(rows, columns) > MOST_SIDE:

@@ -125,15 +125,15 @@ def main() -> None:
     values = {"inf": "inf", "1e6": 1e6, "1e5": 1e5, "1e4": 1e4}
     alphas = {name: simulate("alpha_sensitivity", contact__alpha=a) for name, a in values.items()}
     against_alpha(alphas).savefig(OUT / "alpha_sensitivity.png", dpi=110)
-    for command, name in (
+    for command, name, *given in (
         ("friction", "slope_tester"),
         ("loads", "mu_of_p"),
         ("tread", "tread_block"),
-        ("tyre", "tyre"),
+        ("tyre", "tyre", "ambient.temperature=20"),
     ):
         with TemporaryDirectory() as folder:
             out = Path(folder) / command
-            flashtemp([command, str(ROOT / "cases" / name), "--out", str(out)])
+            flashtemp([command, str(ROOT / "cases" / name), *given, "--out", str(out)])
             shutil.copy(out / f"{command}.png", OUT)
 
 

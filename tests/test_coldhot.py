@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from flashtemp.physics.friction import cold_hot_law, curve_peak, tread_block, tyre
+from flashtemp.physics.friction.adhesive_shear import Shear
 from flashtemp.physics.friction.flash_temperature import Slide, Spots
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
 from flashtemp.physics.material import LIBRARY
 
@@ -29,24 +31,60 @@ def test_examples(module):
 
 @pytest.mark.parametrize("T", FITTED)
 def test_the_kernel_theory_forgets_within_a_fifth_of_a_diameter(T):
-    """Reference figures on a coarse grid of wavenumbers: r0 within 6 %, deviation within a point or a tenth."""
+    """Reference figures on a coarse grid of wavenumbers: r0 within 6 %, deviation within a point or a tenth.
+
+    With r0 by the fit the law is off by at most half as much as with 0.2 D wherever that is more than 4 %.
+    """
     found = cold_hot_law.fit(THEORY, RUBBER, SPOTS, [0.1, 1.0, 3.0], T + 273.15, P)
     print(found)
-    np.testing.assert_allclose(found.memory, FITTED[T], rtol=0.06)
-    np.testing.assert_allclose(found.deviation, DEVIATES[T], rtol=0.1, atol=0.002)
+    np.testing.assert_allclose(found.best, FITTED[T], rtol=0.06)
+    np.testing.assert_allclose(found.paper, DEVIATES[T], rtol=0.1, atol=0.002)
     slow = found.speed <= 1.0
-    assert np.all((found.memory[slow] > 0.1) & (found.memory[slow] < 0.25))
-    assert found.deviation[slow].max() < 0.105  # asked for are 10 %: at 20 degC and 1 m/s it is 10.4 %
+    assert np.all((found.best[slow] > 0.1) & (found.best[slow] < 0.25))
+    assert found.paper[slow].max() < 0.105  # asked for are 10 %: at 20 degC and 1 m/s it is 10.4 %
+    np.testing.assert_allclose(found.memory, found.best, rtol=0.2)
+    assert np.all(found.deviation < np.maximum(0.5 * found.paper, 0.04))
+
+
+@pytest.mark.parametrize("stone", ["asphalt", "granite"])
+@pytest.mark.parametrize("shear", [None, Shear(4e6)], ids=["viscoelastic", "adhesive"])
+def test_memory_over_a_road_that_takes_heat(shear, stone):
+    """Rubber on a stone other than those of 3 mm: the law stays within 6 %, 0.2 D is off by up to 10 %."""
+    theory, spots = Theory(RUBBERS["A"], ROADS["concrete B"], shear=shear), Spots(6e-3, 0.15, RoadSide(LIBRARY[stone]))
+    found = cold_hot_law.fit(theory, RUBBER, spots, [0.3, 2.0], 313.15, 2e5)
+    print(found)
+    assert found.deviation.max() < 0.06
+    assert np.all(found.deviation < found.paper)
+    assert np.all(found.memory > 0.2)
+
+
+def test_memory_falls_with_what_the_flash_takes_and_rises_with_what_the_road_does():
+    bare = cold_hot_law.memory(np.array([0.9, 1.0, 1.5, 2.0]), 1.0)
+    assert np.all(np.diff(bare) < 0)
+    assert bare[1] == cold_hot_law.MEMORY[0]
+    assert np.all(cold_hot_law.memory([1.0, 2.0], 1.0, 0.7) > 2.0 * bare[[1, 3]])
+    assert cold_hot_law.memory(99.0, 1.0) == cold_hot_law.memory(1e3, 1.0)
+
+
+def test_splines_between_speeds_change_nothing(monkeypatch):
+    """Over a road the hot branch is computed at every third speed."""
+    spots, laws = Spots(0.01, 0.2, RoadSide(LIBRARY["asphalt"])), []
+    for every in (3, 1):
+        monkeypatch.setattr(cold_hot_law, "SPARSE", every)
+        laws.append(cold_hot_law.law(THEORY, RUBBER, spots, 353.15, 3e5, 1.0))
+    np.testing.assert_allclose(laws[0].hot.mu, laws[1].hot.mu, rtol=1e-3)
+    np.testing.assert_array_equal(laws[0].cold.mu, laws[1].cold.mu)
+    np.testing.assert_allclose(laws[0].r0, laws[1].r0, rtol=2e-3)
 
 
 def test_where_heat_hardly_acts_back_the_linear_theory_brackets_the_memory():
     """V10: between heat at the surface (0.176 D) and far below it (0.342 D at 63 %)."""
     found = cold_hot_law.fit(THEORY, RUBBER, SPOTS, [0.02], 353.15, P)
-    assert 0.17 < found.memory[0] < 0.342
+    assert 0.17 < found.best[0] < 0.342
 
 
 def test_law_between_its_branches():
-    law = cold_hot_law.law(THEORY, RUBBER, SPOTS, 293.15, P, 3.0, memory=0.5)
+    law = cold_hot_law.law(THEORY, RUBBER, SPOTS, 293.15, P, 3.0, given=0.5)
     assert law.r0 == 1.5e-3
     v = np.array([1e-3, 0.1, 1.0])
     cold, hot = law.ends(v)

@@ -18,6 +18,7 @@ from flashtemp.physics.friction.curve_peak import highest
 from flashtemp.physics.friction.flash_temperature import Branch, Spots
 from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
 from flashtemp.physics.material import LIBRARY
 
@@ -128,8 +129,32 @@ def test_path_agrees_with_another_solver(law, slip):
     np.testing.assert_allclose(path.speed[200:, 0], v[200:], atol=0.01 * v.max())
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("stone", [None, "asphalt"])
+def test_the_law_at_all_seven_slips(stone):
+    """C24, C25: with r0 by the fit within 4 % of the kernel theory at every slip, and its friction of the footprint.
+
+    With 0.2 D it is off by up to 14 % on a road that takes no heat and by up to 8 % on one that does.
+    """
+    spots = replace(SPOTS, road=None if stone is None else RoadSide(LIBRARY[stone]))
+    worst = {}
+    for given in (None, 0.2):
+        found = cold_hot_law.law(THEORY, RUBBER, spots, T0, P, 27.0, given)
+        slips = [0.005, 0.0075, 0.01, 0.03, 0.05, 0.07, 0.09]
+        rows = tread_block.roll(BLOCK, found, THEORY, RUBBER, spots, T0, slips).as_dict()["slips"]
+        worst[given] = [row["law_deviates"] for row in rows]
+        if given is None:
+            assert all(row["friction_law"] == pytest.approx(row["friction"], rel=0.025) for row in rows)
+            assert np.all(np.diff([row["from_cold_to_hot"] for row in rows[:5]]) > 0)
+            assert rows[0]["from_cold_to_hot"] < 0.1
+            assert rows[-1]["from_cold_to_hot"] > 0.8
+    print(worst)
+    assert max(worst[None]) < 0.041
+    assert max(worst[0.2]) > (0.13 if stone is None else 0.07)
+
+
 def test_from_the_cold_to_the_hot_branch(law):
-    """C24 with the kernel theory, C26; at 2.4 m/s and 20 degC the law departs by 14 %."""
+    """C24 with the kernel theory, C26; at 2.4 m/s and 20 degC the law departs by 4 %."""
     found = tread_block.roll(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
     slow, fast = (path for path, _ in found.kernel)
     for path in (slow, fast):
@@ -142,7 +167,7 @@ def test_from_the_cold_to_the_hot_branch(law):
     assert 0.005 <= fast.slid[-1, 0] + fast.shear[-1, 0] <= 0.01
     assert fast.slid[-1, 0] + fast.shear[-1, 0] == pytest.approx(0.09 * 0.1, rel=1e-9)
     assert tread_block.deviation(slow, law) < 0.01
-    assert tread_block.deviation(fast, law) < 0.16
+    assert tread_block.deviation(fast, law) < 0.041
     assert tread_block.deviation(found.path, law) < 1e-8
     path, _ = tread_block.remembering(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
     assert tread_block.mean_traction(path) == pytest.approx(tread_block.mean_traction(fast), rel=1e-3)
@@ -182,6 +207,7 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
     last = table[table["theory"] == "kernel"][-1]
     assert (last["slid_m"], last["mu"]) == pytest.approx((row["slid_m"], row["mu_at_exit"]), rel=1e-6)
     assert "heat carried" in told["not_modelled"]
+    assert "flows into the road" not in told["not_modelled"]
     assert any("contact.spot_fraction" in r for r in told["remarks"])
     again = tmp_path / "again"
     assert main(["tread", str(out), "--out", str(again)]) == 0

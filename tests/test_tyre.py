@@ -18,6 +18,7 @@ from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.friction.rheology import READY as RUBBERS
 from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
 from flashtemp.physics.material import LIBRARY
+from flashtemp.runs import rolling
 from flashtemp.viz import tyre as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "tyre"
@@ -53,8 +54,8 @@ def corner():
 
     def one(T, D, k=1.5e8, spots=OfThree):
         if (T, D, k, spots) not in known:
-            law = cold_hot_law.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)))
-            known[T, D, k, spots] = tyre.corner(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15)
+            law = cold_hot_law.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)), given=0.2)
+            known[T, D, k, spots] = tyre.corner(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15, steepest=15.0)
         return known[T, D, k, spots]
 
     return one
@@ -138,12 +139,12 @@ def test_brush_maxima_of_set_a(corner, D, k, maxima):
 
 def test_controls_do_not_fall(corner):
     """C28 (c): cold .651 -> .665 rises, in the reference."""
-    for T in (20.0, 80.0):
-        found = corner(T, 0.01)
-        assert all(map(found.sound, tyre.MODELS))
-        for control in tyre.CONTROLS:
-            assert found.fall("rigid", control) == pytest.approx(0.0, abs=1e-12)
-            assert found.fall("brush", control) < 0
+    found = corner(20.0, 0.01)
+    assert all(map(found.sound, tyre.MODELS))
+    for control in tyre.CONTROLS:
+        assert found._lost("rigid", control) == pytest.approx(0.0, abs=1e-12)
+        assert found._lost("brush", control) < 0
+    assert [corner(80.0, 0.01).sound(model) for model in tyre.MODELS] == [None, None]
     cold = [p.value for p in corner(20.0, 0.01).peaks["brush", "cold"]]
     assert (cold[0], cold[-1]) == pytest.approx((0.651, 0.665), abs=0.003)
 
@@ -159,7 +160,7 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.LAWS})
     assert heavy.ringing > tread_block.RINGING
     assert heavy.sound("rigid")
-    assert not heavy.sound("brush")
+    assert heavy._lost("brush", "cold") > tyre.FALLS
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
     assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
@@ -167,16 +168,21 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
 
 
 def test_command_and_case(tmp_path, capsys):
-    """C28 (b): the maximum of the default case falls by 3 to 15 % from 3000 to 7000 N, at 80 and at 20 degC."""
+    """C28 (b): at 20 degC the maximum falls by 3 to 15 % from 3000 to 7000 N; at 80 degC rubber A has none up to 45 deg.
+
+    There the angles were led on, and what load does is not read at the last of them.
+    """
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert {f.name for f in out.iterdir()} == {"case.toml", "tyre.json", "tyre.csv", "tyre.png"}
     assert json.loads((out / "tyre.json").read_text()) == told
-    assert told["controls_hold"] is True
+    assert told["controls_hold"] is None
     assert "carcass" in told["not_modelled"]
-    for model in tyre.MODELS:
-        assert 0.03 < told["fall"][model] < 0.15
+    assert "flows into the road" not in told["not_modelled"]
+    assert told["no_maximum_up_to_deg"] == {"rigid": 45.0, "brush": 45.0}
+    assert told["angles_deg"][-1] == 45.0
+    assert set(told["fall"].values()) == {None}
     table = np.genfromtxt(out / "tyre.csv", delimiter=",", names=True)
     [highest] = [m for m in told["maxima"] if (m["model"], m["law"], m["load_N"]) == ("brush", "law", 3000.0)]
     assert highest["at_edge"] is True
@@ -186,14 +192,42 @@ def test_command_and_case(tmp_path, capsys):
     said = capsys.readouterr().out
     for model in tyre.MODELS:
         assert f"  {model}: no control falls with load" in said
+    assert "no maximum" not in said
     assert "not modelled: the carcass" in said
     told = json.loads((warm / "tyre.json").read_text())
+    assert told["controls_hold"] is True
+    assert told["no_maximum_up_to_deg"] == {"rigid": None, "brush": None}
     assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.MODELS)
+
+
+def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
+    """As the issue has it: a load effect is never read at an edge; the road takes heat or not."""
+    given = ["tyre.angles=[5, 15]", "tyre.road_heat=false", "tyre.memory=0.2"]
+    assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
+    said = capsys.readouterr().out
+    for model in tyre.MODELS:
+        assert f"  {model}: side force has no maximum up to 45 deg; what load does to it is not told" in said
+    assert not any(line.rstrip().endswith("%") for line in said.splitlines())
+    assert "heat that flows into the road or is released by the adhesive part" in said
+
+
+def test_angles_are_led_on_to_both_sides(synthetic):
+    """V24's maxima lie between 0.6 and 0.93 degrees: found from above and from below alike, within 1e-4."""
+    for angles in ([0.05, 0.2], [2.0, 9.0], ANGLES):
+        found = tyre.corner(TYRE, synthetic, LOADS, angles, 1.5e8, 0.1, 293.15)
+        tops = found.peaks["rigid", "law"]
+        np.testing.assert_allclose([p.value for p in tops], [1.12285699, 1.10100380, 1.08706725], rtol=1e-4)
+        assert found.no_maximum("rigid") is None
+        assert found.falls("rigid")
+    kept = tyre.corner(TYRE, synthetic, LOADS, [0.05, 0.2], 1.5e8, 0.1, 293.15, steepest=0.2)
+    assert kept.no_maximum("rigid") == 0.2
+    assert kept.fall("rigid") is None
+    assert not kept.falls("rigid")
 
 
 def test_a_fall_is_explained_where_there_is_one(tmp_path, capsys):
     """Soft bristles hardly slide: their side force rises with load, that of rigid ones falls."""
-    soft = ["tyre.stiffness=1e5", "tyre.mass=1e-6", "tyre.angles=[5, 10, 15]"]
+    soft = ["tyre.stiffness=1e5", "tyre.mass=1e-6", "tyre.angles=[5, 10, 15]", "ambient.temperature=20"]
     assert main(["tyre", str(CASE), *soft, "--out", str(tmp_path / "soft")]) == 0
     said = capsys.readouterr().out
     assert "  rigid: no control falls with load" in said
@@ -201,30 +235,39 @@ def test_a_fall_is_explained_where_there_is_one(tmp_path, capsys):
 
 
 def test_one_load_and_falling_side_force(tmp_path, capsys):
-    """With one load nothing can fall; at 20 degC the maximum lies below 2 degrees, that of the controls above 8."""
+    """With one load nothing can fall; at 20 degC the maximum lies below 2 degrees, and angles are led on to it."""
     out = tmp_path / "found"
     given = ["tyre.loads=[5000]", "ambient.temperature=20", "tyre.angles=[2, 4, 8]"]
     assert main(["tyre", str(CASE), *given, "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "no control falls" not in said
-    assert "< already falling at the first of tyre.angles" in said
-    assert "+ still rising at the last of tyre.angles" in said
+    assert "already falling" not in said
+    assert "+ still rising at the last slip angle" in said
     [law, cold, hot] = [line for line in said.splitlines() if line.startswith("    rigid")]
-    assert "at 2 deg<" in law
+    assert " deg " in law
     assert "at 8 deg+" in cold
     assert "at 8 deg+" in hot
     told = json.loads((out / "tyre.json").read_text())["maxima"]
-    assert [m["at_first"] for m in told if m["model"] == "rigid"] == [True, False, False]
     assert [m["at_last"] for m in told if m["model"] == "rigid"] == [False, True, True]
+    [best] = [m for m in told if (m["model"], m["law"]) == ("rigid", "law")]
+    assert 1.2 < best["angle_deg"] < 2.0
 
 
-def test_a_control_that_falls_is_told(tmp_path, capsys):
-    """At -100 degC there is hardly friction left, and inertia is seen; all of the brush's curve is in the picture."""
+def test_a_control_that_falls_is_told(corner):
+    """With its maximum inside or not: then at the angles of the law's maxima."""
+    found = corner(20.0, 0.01)
+    assert not any("control" in said for said in rolling._doubts(found))
+    curves = found.curves | {("brush", "cold"): found.curves["brush", "cold"] * np.array([[1.0], [0.98], [0.96]])}
+    said = rolling._doubts(replace(found, curves=curves))[-1]
+    assert said.startswith("brush: a control without flash temperature falls with load as well")
+
+
+def test_hardly_any_friction_is_drawn(tmp_path, capsys):
+    """At -100 degC all of the brush's curve is in the picture, and no control is blamed."""
     given = ["ambient.temperature=-100", "tyre.angles=[1, 5, 15]"]
     assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
     printed = capsys.readouterr()
-    assert "remark: brush: a control without flash temperature falls" in printed.out
-    assert "rigid: " not in printed.out
+    assert "a control without" not in printed.out
     assert printed.err == ""
 
 

@@ -72,7 +72,7 @@ def _distances(ax, found, colours) -> None:
         on, thin = _moving(path, 0), _moving(found.path, j)
         ax.plot(path.slid[on, 0] / found.spots.diameter, path.mu[on, 0], color=colour, lw=2.2)
         ax.plot(found.path.slid[thin, j] / found.spots.diameter, found.path.mu[thin, j], color="#222222", lw=0.5)
-    memory = found.law.r0 / found.spots.diameter
+    memory = float(found.law.reach(found.tread.speed * found.best.at)) / found.spots.diameter
     ax.axvline(memory, color=theme.AMBIENT, lw=0.7, ls=(0, (4, 3)))
     ax.annotate(
         f"r$_0$ = {theme.number(memory, 2)} D", (memory, 0.04), (3, 0), xycoords=("data", "axes fraction"),

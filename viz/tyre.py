@@ -41,7 +41,7 @@ def _conditions(found) -> str:
     return (
         f"{theme.number(b.speed, 3)} m/s, {theme.number(b.pressure / 1e6, 3)} MPa at every load, "
         f"{theme.number(found.T0 - KELVIN, 3)} {theme.DEGREE}, footprint {theme.number(1e3 * found.tyre.width, 3)} mm "
-        f"wide, r$_0$ = {theme.number(1e3 * found.law.r0, 3)} mm; shear stiffness of the tread "
+        f"wide, r$_0$ = {found.law.said} mm; shear stiffness of the tread "
         f"{theme.number(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )
 
@@ -80,16 +80,19 @@ def _angles(ax, found, model: str, colours) -> None:
         ax.plot(best.at, best.value, ls="", zorder=4, clip_on=False, **_mark(best.edge))
     ax.set_xscale("log")
     first, last = found.angles[[0, -1]] if len(found.angles) > 1 else found.angles[0] * np.array([0.5, 2.0])
-    ticks = [t for t in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if first <= t <= last]
+    ticks = [t for t in (0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 45) if first <= t <= last]
     ax.set_xticks(ticks, [theme.number(t) for t in ticks])
     ax.minorticks_off()
     ax.set(xlabel="slip angle (deg)", xlim=(first, last), title=WORDS[model])
 
 
 def _maxima(ax, found, model: str, colours) -> None:
-    """Highest side force over load, relative to that at the lowest load."""
+    """Highest side force over load, relative to that at the lowest load, where there is one inside the angles."""
     kN = found.loads / 1e3
-    for name in (*GREY, "law"):
+    if not found.inside(model):
+        words = f"no maximum up to {theme.number(found.angles[-1], 3)} deg" if found.no_maximum(model) else "no maximum"
+        ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT)
+    for name in (n for n in (*GREY, "law") if found.inside(model, n)):
         best = np.array([p.value for p in found.peaks[model, name]])
         change = 100 * (best / best[0] - 1)
         if name == "law":

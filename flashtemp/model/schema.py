@@ -109,9 +109,10 @@ BRISTLES = {
         low=0.0, open_low=True, high=1e3, kinds=AMOUNT,
     ),
     "memory": Param(
-        0.2, "1", "distance r0 between cold and hot friction over contact.spot_diameter",
-        low=0.0, open_low=True, high=10.0, kinds=AMOUNT,
+        None, "1", "distance r0 between cold and hot friction over contact.spot_diameter; fitted to the kernel theory "
+        "if not given", low=0.0, open_low=True, high=10.0, kinds=AMOUNT,
     ),
+    "road_heat": Param(True, "", "the road takes heat from the spots, and adhesive friction heats too", kinds=FLAG),
     "fraction": Param(
         None, "1", "contact fraction of the spots; P(2 pi/spot_diameter) by theory if not given",
         low=0.0, open_low=True, high=1.0, kinds=AMOUNT,
@@ -121,7 +122,7 @@ ANGLES = "0.1 0.14 0.2 0.28 0.4 0.5 0.6 0.7 0.85 1 1.2 1.4 1.7 2 2.4 2.8 3.3 4 4
 APART: dict[str, dict[str, Param]] = {  # tables that a case has only where it names them, for commands of their own
     "tread": BRISTLES | {
         "slip": Param(
-            [0.005, 0.01, 0.03, 0.05, 0.07, 0.09], "1", "slips of the wheel",
+            [0.005, 0.0075, 0.01, 0.03, 0.05, 0.07, 0.09], "1", "slips of the wheel",
             low=0.0, open_low=True, high=1.0, kinds=AMOUNTS,
         ),
         "footprint": Param(0.1, "m", "length of the footprint", low=1e-3, high=10.0, kinds=AMOUNT),

@@ -19,15 +19,18 @@ from flashtemp.physics.friction import tread_block as treads
 from flashtemp.physics.friction import tyre as tyres
 from flashtemp.physics.friction.flash_temperature import Spots
 from flashtemp.physics.friction.friction_curves import USUAL
+from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.showing import Sheet, Shown, write_json
 
 SLOW = 1e-3  # of the fastest sliding: slower friction hardly counts for what was measured
 MARKS = {
-    "+": "still rising at the last of tyre.angles", "<": "already falling at the first of tyre.angles",
+    "+": "still rising at the last slip angle", "<": "already falling at the first slip angle",
     "*": "at the only one of tyre.angles",
 }  # fmt: skip
+CARRIED = "heat carried from one revolution to the next"
+ROAD = ", heat that flows into the road or is released by the adhesive part"
 Watch = Callable[[int, int], Any]
 
 
@@ -57,7 +60,8 @@ class Setup:
         values, pressure = case.values[table], case["contact.pressure"]
         if not isinstance(pressure, (int, float)):
             raise BadInput(f"contact.pressure: {pressure!r}; a rolling {table} needs one number (Pa)")
-        spots = Spots(scene.spot_diameter, values["fraction"])
+        road = RoadSide(scene.road, _conductance(case)) if values["road_heat"] else None
+        spots = Spots(scene.spot_diameter, values["fraction"], road)
         return cls(case, table, values, acting, scene.block, scene.ambient, pressure, spots)
 
     def law(self, fastest: float) -> cold_hot_law.Law:
@@ -68,7 +72,7 @@ class Setup:
 
     def remarks(self, fastest: float) -> list[str]:
         """What a user should know before believing the result; BadInput where the case allows no extrapolation."""
-        said, theory = [], self.acting.p.theory
+        said, theory = list(_unlike(self.case) if self.spots.road else ()), self.acting.p.theory
         phi = self.spots.covered(theory, min(1.0, fastest), self.T0, self.pressure)
         whose = "given" if self.spots.fraction is not None else "by theory, P(2 pi/D) at 1 m/s"
         said.append(
@@ -103,7 +107,12 @@ class Rolling(Shown):
     setup: Setup
     found: Any
     remarks: tuple[str, ...]
-    not_modelled: ClassVar[str]
+    outside: ClassVar[str]
+
+    @property
+    def not_modelled(self) -> str:
+        """In words: what the answer leaves out."""
+        return self.outside if self.setup.spots.road else self.outside + ROAD
 
     def as_dict(self) -> dict[str, Any]:
         """For --json and the JSON file."""
@@ -135,7 +144,7 @@ class TreadPassage(Rolling):
     """A tread block through its footprint at several slips (`found`: Rolled)."""
 
     found: treads.Rolled
-    not_modelled = "the rest of the wheel, heat carried from one revolution to the next, heat that flows into the road"
+    outside = f"the rest of the wheel, {CARRIED}"
 
     def lines(self) -> list[str]:
         told, best = self.found.as_dict(), self.found.as_dict()["maximum"]
@@ -159,7 +168,7 @@ class TreadPassage(Rolling):
         return (
             f"Tread block: {block.speed:g} m/s over {1e3 * block.footprint:g} mm ({1e3 * block.contact_time:.2f} ms), "
             f"{block.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, spots of {1e3 * found.spots.diameter:g} mm, "
-            f"r0 = {1e3 * found.law.r0:g} mm"
+            f"r0 = {found.law.said} mm"
         )
 
     def sheet(self) -> Sheet:
@@ -176,9 +185,8 @@ class TyreForces(Rolling):
     """Side force over slip angle at several loads, with the cold-hot law and its controls (`found`: Cornering)."""
 
     found: tyres.Cornering
-    not_modelled = (
-        "the carcass, which bends (rigid here), camber and drive, a pressure that varies in the footprint, "
-        "heat carried from one revolution to the next, heat that flows into the road"
+    outside = (
+        f"the carcass, which bends (rigid here), camber and drive, a pressure that varies in the footprint, {CARRIED}"
     )
 
     def lines(self) -> list[str]:
@@ -186,10 +194,14 @@ class TyreForces(Rolling):
         lines = [self._title(), "  highest side force over load, at a slip angle:"]
         for name, peaks, fall in self._peaks():
             told_peaks = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{_mark(p)}" for p in peaks)
-            lines.append(f"    {name:18s} {told_peaks}   {fall:+.1f} %")
+            lines.append(f"    {name:18s} {told_peaks}   " + ("" if fall is None else f"{fall:+.1f} %"))
         marks = {_mark(p) for peaks in found.peaks.values() for p in peaks}
         lines += [f"    {mark} {words}" for mark, words in MARKS.items() if mark in marks]
         for model in tyres.MODELS:
+            if (angle := found.no_maximum(model)) is not None and len(found.angles) > 1:
+                lines.append(
+                    f"  {model}: side force has no maximum up to {angle:g} deg; what load does to it is not told"
+                )
             if found.falls(model) and found.sound(model):
                 lines.append(f"  {model}: no control falls with load: what falls is the work of the flash temperature")
         return lines
@@ -199,7 +211,7 @@ class TyreForces(Rolling):
         lengths = ", ".join(f"{1e3 * x:.0f}" for x in found.as_dict()["footprint_length_m"])
         return (
             f"Tyre: {found.tyre.speed:g} m/s, {found.tyre.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, "
-            f"r0 = {1e3 * found.law.r0:g} mm; footprint of {1e3 * found.tyre.width:g} mm x {lengths} mm at "
+            f"r0 = {found.law.said} mm; footprint of {1e3 * found.tyre.width:g} mm x {lengths} mm at "
             + ", ".join(f"{x:g}" for x in found.loads) + " N"
         )  # fmt: skip
 
@@ -207,11 +219,15 @@ class TyreForces(Rolling):
         """Name, highest points and change (%) with load of every model and law."""
         for (model, law), peaks in self.found.peaks.items():
             name = f"{model}, {law}" if law == "law" else f"{model}, both {law}"
-            yield name, peaks, -100 * self.found.fall(model, law) + 0.0
+            fall = self.found.fall(model, law)
+            yield name, peaks, None if fall is None else -100 * fall + 0.0
 
     def sheet(self) -> Sheet:
         head = ("highest side force over load", *(f"{load:g} N" for load in self.found.loads), "change, %")
-        rows = [(name, *(p.value for p in peaks), fall) for name, peaks, fall in self._peaks()]
+        rows = [
+            (name, *(p.value for p in peaks), "no maximum" if fall is None else fall)
+            for name, peaks, fall in self._peaks()
+        ]
         return Sheet(self._title(), rows, head, [line.strip() for line in self._last()])
 
 
@@ -264,12 +280,33 @@ class Wheel:
         fastest = float(wheel.pull(max(v["angles"])))
         return cls(setup, wheel, fastest, tuple(setup.remarks(fastest)))
 
+    @property
+    def steepest(self) -> float:
+        """Slip angle (deg) up to which a maximum is sought: beyond those given only where theory may be led on too."""
+        widest = max(self.setup.values["angles"])
+        return max(widest, tyres.STEEPEST) if self.setup.acting.p.extrapolate else widest
+
     def corner(self, watch: Watch | None = None) -> TyreForces:
         """At every load and slip angle; `watch(done, total)`.  Raises SolverFailure."""
         s, v = self.setup, self.setup.values
-        law = s.law(self.fastest)
-        found = tyres.corner(self.tyre, law, v["loads"], v["angles"], v["stiffness"], v["mass"], s.T0, watch)
+        law = s.law(float(self.tyre.pull(self.steepest)))
+        found = tyres.corner(
+            self.tyre, law, v["loads"], v["angles"], v["stiffness"], v["mass"], s.T0, watch, self.steepest
+        )
         return TyreForces(s, found, (*self.remarks, *_doubts(found)))
+
+
+def _conductance(case: Case) -> float:
+    """contact.alpha (W/m2K) where it is a number; perfect contact otherwise."""
+    given = case["contact.alpha"]
+    return float(given) if isinstance(given, (int, float)) else float("inf")
+
+
+def _unlike(case: Case) -> list[str]:
+    """What the memory kernels take otherwise than the case has it."""
+    if case["contact.alpha"] in ("inf", float("inf")) or isinstance(case["contact.alpha"], (int, float)):
+        return []
+    return ["contact.alpha is no single number: block and road are taken to be in perfect contact"]
 
 
 def _sticking(found: treads.Rolled) -> list[str]:

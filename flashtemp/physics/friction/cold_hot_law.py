@@ -1,14 +1,22 @@
-"""The cold-hot law: friction that forgets its cold value over a slid distance r0, a fifth of a spot's diameter.
+"""The cold-hot law: friction that forgets its cold value over a slid distance r0, a part of a spot's diameter.
 
     mu(v, r) = mu_cold(v) exp(-r/r0) + mu_hot(v) (1 - exp(-r/r0))
 
-with r slid since the rubber came into contact; law (2) of the source, theory 2.8.
+with r slid since the rubber came into contact; law (2) of the source, theory 2.8.  Fitted to the kernel theory
+
+    r0/D = 0.192 e^(1.51 s) (mu_hot/mu_cold)^0.95,    s = e_S/(e_R + e_S), 0 where no road takes heat
+
+The flash itself builds up over 0.17 D; friction that it lowers heats less, so that the hot branch is reached sooner,
+and a road that warms under the spot makes it later.  Speed, diameter, diffusivity and the rubber's temperature slope
+act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent of -0.002 (docs/friction.md, section 5).
 
 >>> import numpy as np
 >>> cold, hot = (Branch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))
 >>> law = Law(cold, hot, 2e-3)
 >>> print(f"{law(1.0, 0.0):.3f} {law(1.0, 2e-3):.3f} {law(1.0, 1.0):.3f}")
 1.500 0.868 0.500
+>>> print(memory(np.array([1.0, 0.5]), 0.5).round(4), memory(1.0, 0.5, 0.674).round(4))
+[0.0994 0.192 ] 0.275
 """
 
 from __future__ import annotations
@@ -18,39 +26,81 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches, heating
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.persson import Found, Theory
 from flashtemp.physics.material import Material
 
-MEMORY = 0.2  # r0 over the diameter of a spot
+MEMORY = (0.192, 1.51, 0.95)  # of the fit: r0/D without feedback and road, by the road's share, by hot over cold
+ALIKE = (0.82, 3.32)  # cold over hot friction, between which the fit holds
+PAPER = 0.2  # r0/D of the source
 SLOWEST = 1e-5  # m/s: friction of what hardly moves
-PER_DECADE = 12  # speeds at which the branches are computed
+PER_DECADE, SPARSE = 12, 3  # speeds of the branches; over a road every third is computed
+
+
+def memory(cold: Value, hot: Value, share: float = 0.0) -> np.ndarray:
+    """r0 over the diameter of a spot (n,) by cold and hot friction (n,), and the road's `share` e_S/(e_R + e_S)."""
+    first, road, back = MEMORY
+    found: np.ndarray = first * np.exp(road * share) * np.clip(np.asarray(cold) / np.asarray(hot), *ALIKE) ** -back
+    return found
+
+
+def _between(hot: Branch, found: Found, speeds: np.ndarray, T0: float) -> tuple[Branch, Branch]:
+    """Both branches at all speeds (n,) from a hot one at some of them: splines of what the flash changes."""
+    cold = Branch(speeds, found.viscous, found.adhesive, np.full(len(speeds), T0))
+    x, at = np.log(speeds), np.log(hot.speed)
+
+    def along(values: np.ndarray, before: np.ndarray) -> np.ndarray:
+        found: np.ndarray = before + CubicSpline(at, values - np.interp(at, x, before))(x)
+        return found
+
+    return cold, Branch(speeds, *(along(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T")))
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Cold and hot branch and the distance `r0` (m) between them; linear in ln v, held beyond their speeds."""
+    """Cold and hot branch and the distance `r0` (m) between them, one or (n,) at the branches' speeds.
+
+    Linear in ln v, held beyond their speeds.
+    """
 
     cold: Branch
     hot: Branch
-    r0: float
+    r0: float | np.ndarray
 
     @cached_property
     def _curves(self) -> Any:
-        return [(np.log(b.speed), np.asarray(b.mu, dtype=float)) for b in (self.cold, self.hot)]
+        each = np.broadcast_to(self.r0, np.shape(self.cold.speed))
+        return [np.log(self.cold.speed), *(np.asarray(c, dtype=float) for c in (self.cold.mu, self.hot.mu, each))]
+
+    def _at(self, v: Value) -> tuple[np.ndarray, ...]:
+        """mu_cold, mu_hot and r0 (m) at speeds v >= 0 (m/s)."""
+        logs, *curves = self._curves
+        x = np.log(np.maximum(v, self.cold.speed[0]))
+        return tuple(np.interp(x, logs, curve) for curve in curves)
 
     def ends(self, v: Value) -> Value:
         """mu_cold and mu_hot at speeds v >= 0 (m/s)."""
-        x = np.log(np.maximum(v, self.cold.speed[0]))
-        return tuple(np.interp(x, at, mu) for at, mu in self._curves)
+        return self._at(v)[:2]
+
+    def reach(self, v: Value) -> np.ndarray:
+        """r0 (m) at speeds v >= 0 (m/s)."""
+        found: np.ndarray = self._at(v)[2]
+        return found
+
+    @property
+    def said(self) -> str:
+        """r0 in mm, in words: one number, or from the smallest to the largest."""
+        ends = {f"{1e3 * r:.3g}" for r in (np.min(self.r0), np.max(self.r0))}
+        return " to ".join(sorted(ends, key=float))
 
     def __call__(self, v: Value, r: Value) -> Value:
         """mu at speeds v >= 0 (m/s), r (m) after coming into contact; both broadcast."""
-        cold, hot = self.ends(v)
-        return hot + (cold - hot) * np.exp(-np.asarray(r) / self.r0)
+        cold, hot, r0 = self._at(v)
+        return hot + (cold - hot) * np.exp(-np.asarray(r) / r0)
 
     def alike(self, which: str) -> Law:
         """The control without memory: both branches "cold", or both "hot"."""
@@ -59,25 +109,41 @@ class Law:
 
 
 def law(
-    theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, fastest: float, memory: float = MEMORY
+    theory: Theory,
+    rubber: Material,
+    spots: Spots,
+    T0: float,
+    p: float,
+    fastest: float,
+    given: float | None = None,
 ) -> Law:
-    """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s); r0 = memory x diameter.
+    """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s).
 
-    They reach at least a decade above the slowest.  Raises SolverFailure where the hot branch cannot be found.
+    r0 is `given` times the diameter of a spot, or follows the fit.  Speeds reach at least a decade above the slowest.
+    Raises SolverFailure where the hot branch cannot be found.
     """
     fastest = max(fastest, 10.0 * SLOWEST)
     count = round(PER_DECADE * np.log10(fastest / SLOWEST)) + 1
-    cold, hot = branches(theory, rubber, spots, np.geomspace(SLOWEST, fastest, count), T0, p)
-    return Law(cold, hot, memory * spots.diameter)
+    speeds = np.geomspace(SLOWEST, fastest, count)
+    sparse = slice(None) if spots.road is None else np.unique(np.append(np.arange(0, count, SPARSE), count - 1))
+    cold, hot = branches(theory, rubber, spots, speeds[sparse], T0, p)
+    if spots.road is not None:
+        cold, hot = _between(hot, theory(speeds, T0, p), speeds, T0)
+    part = memory(cold.mu, hot.mu, spots.share(rubber)) if given is None else given
+    return Law(cold, hot, part * spots.diameter)
 
 
 class Fit(NamedTuple):
-    """At speeds (n,) m/s: `memory` r0 over the spot's diameter that fits the kernel theory best, and the largest
-    relative `deviation` of the law with r0 = 0.2 diameters from it."""
+    """At speeds (n,) m/s: `best` r0 over the spot's diameter beside the kernel theory, `memory` by the fit of all.
+
+    Largest relative `deviation` from the kernel theory of the law with the fit, and with r0 = 0.2 D: `paper`.
+    """
 
     speed: np.ndarray
+    best: np.ndarray
     memory: np.ndarray
     deviation: np.ndarray
+    paper: np.ndarray
 
 
 def fit(theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float, p: float) -> Fit:
@@ -87,8 +153,9 @@ def fit(theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float
     """
     speeds = np.asarray(speeds, dtype=float)
     cold, hot = branches(theory, rubber, spots, speeds, T0, p)
+    fitted = memory(cold.mu, hot.mu, spots.share(rubber))
     rows = []
-    for v, first, last in zip(speeds, cold.mu, hot.mu, strict=True):
+    for v, first, last, told in zip(speeds, cold.mu, hot.mu, fitted, strict=True):
         way = heating(theory, rubber, spots, v, T0, p)
         r = way.slid / spots.diameter
 
@@ -99,5 +166,5 @@ def fit(theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float
             return np.sum(np.gradient(r) * (law(memory) - mu) ** 2)
 
         best = minimize_scalar(miss, bounds=(0.01, 1.0), method="bounded")
-        rows.append((best.x, np.max(np.abs(law(MEMORY) / way.mu - 1.0))))
+        rows.append((best.x, told, *(np.max(np.abs(law(m) / way.mu - 1.0)) for m in (told, PAPER))))
     return Fit(speeds, *np.array(rows).T)

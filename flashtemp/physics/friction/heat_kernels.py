@@ -141,6 +141,16 @@ class Memory:
         f = _response(y)
         return age * f, 0.5 * a * age * (3.0 * f - 2.0 * erfcx(y))
 
+    @property
+    def effusivity(self) -> float:
+        """e = rho c sqrt(D) in W s^0.5/(m2 K)."""
+        return float(self.capacity * np.sqrt(self.diffusivity))
+
+    def surface(self, off: Value) -> np.ndarray:
+        """K m2/W: what flux into the surface does to T_q, and heat of wavenumber q to the surface; `off` of `feel`."""
+        found: np.ndarray = 2.0 * self.q * off / self.capacity
+        return found
+
     def rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
         """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `feel`."""
         mixed = np.sum(off * spread, axis=0) - self._split[1] @ np.sum(off * heat, axis=0)

@@ -89,15 +89,16 @@ def remembering(
     The temperatures at which friction acts in a step are led on from the two steps before.  Raises SolverFailure.
     """
     slide = Slide(theory, rubber, spots, T0, tread.pressure, steps)
-    before, highest = slide.T, [slide.T.max()]
+    before, cooler, highest = slide.T, slide.surface, [slide.T.max()]
 
     def friction(v: Value, r: Value) -> Value:
         T = np.maximum(2.0 * slide.T - before, T0)
-        return theory(np.maximum(v, SLOWEST), T, tread.pressure).mu
+        surface = None if slide.surface is None or cooler is None else max(2.0 * slide.surface - cooler, T0)
+        return theory(np.maximum(v, SLOWEST), T, tread.pressure, surface).mu
 
     def done(dt: Value, v: Value) -> None:
-        nonlocal before
-        before = slide.T
+        nonlocal before, cooler
+        before, cooler = slide.T, slide.surface
         slide.step(dt, float(v[0]))
         highest.append(slide.T.max())
 
@@ -254,7 +255,8 @@ class Rolled:
                         "slip_over_D_per_l": self.best.at * self.tread.footprint / self.spots.diameter},
             "curve": {"slip": SWEPT.tolist(), "friction": self.friction.tolist(), "chatter": self.rough.tolist()},
             "steps": len(self.path.time) - 1, "moved_by_twice_the_steps": self.moved,
-            "memory_m": self.law.r0, "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
+            "memory_m": float(self.law.reach(self.tread.speed * self.best.at)),
+            "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
         }  # fmt: skip
 
     def rows(self) -> Iterator[str]:

@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
+from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.cold_hot_law import Law
 from flashtemp.physics.friction.curve_peak import Peak, highest
@@ -35,6 +36,8 @@ CONTROLS = ("cold", "hot")  # the law with both branches alike
 LAWS = ("law", *CONTROLS)
 MODELS = ("rigid", "brush")
 FALLS = 1e-3  # share of side force over load, above which it falls
+STEEPEST, FLATTEST = 45.0, 0.01  # deg: how far slip angles are led on in search of a maximum
+ONWARD, AT_ONCE = 1.15, 4  # from one of them to the next; how many are tried before looking again
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def rigid(tyre: Tyre, law: Law, loads: Value, angles: Value) -> np.ndarray:
     out = []
     for load in loads:
         length, width = tyre.lines(load)
-        x = np.multiply.outer(length, np.tan(np.radians(angles))) / law.r0
+        x = np.multiply.outer(length, np.tan(np.radians(angles))) / law.reach(tyre.pull(angles))
         mean = hot + (cold - hot) * -np.expm1(-x) / x
         out.append((width * length) @ mean / (width @ length))
     return np.array(out)
@@ -130,6 +133,7 @@ class Cornering:
     """Side force over load (n_loads, n_angles) of every model and law in `curves`, their highest points in `peaks`.
 
     Keys are (model, law): "rigid" or "brush"; "law", or the controls "cold" and "hot".  `loads` N, `angles` deg, T0 K.
+    Maxima are compared where every load has one inside the angles; a curve that is highest at an end tells none.
     """
 
     tyre: Tyre
@@ -142,23 +146,50 @@ class Cornering:
     peaks: dict[tuple[str, str], tuple[Peak, ...]]
     chatter: bool
 
-    def fall(self, model: str, law: str = "law") -> float:
-        """Share of the highest side force over load that is lost from the lowest to the highest load."""
-        order = np.argsort(self.loads)
-        first, last = (self.peaks[model, law][i].value for i in (order[0], order[-1]))
-        found: float = 1.0 - last / first
-        return found
+    def inside(self, model: str, law: str = "law") -> bool:
+        """Whether every load has its maximum inside the slip angles."""
+        return not any(p.edge for p in self.peaks[model, law])
+
+    def fall(self, model: str, law: str = "law") -> float | None:
+        """Share of the highest side force over load that is lost from the lowest to the highest load.
+
+        None where a load has no maximum inside the slip angles.
+        """
+        if not self.inside(model, law):
+            return None
+        first, last = self.peaks[model, law][0].value, self.peaks[model, law][-1].value
+        return float(1.0 - last / first)
 
     def falls(self, model: str) -> bool:
-        """Whether the law's highest side force over load falls with load at all."""
-        return self.fall(model) > FALLS
+        """Whether the law's highest side force over load is known to fall with load."""
+        fall = self.fall(model)
+        return fall is not None and fall > FALLS
 
-    def sound(self, model: str) -> bool:
-        """Whether no control falls with load: then a fall of the law comes from the flash temperature alone."""
-        return all(self.fall(model, control) <= FALLS for control in CONTROLS)
+    def sound(self, model: str) -> bool | None:
+        """Whether no control falls with load: then a fall of the law comes from the flash temperature alone.
+
+        Of a control without a maximum inside, at the angles of the law's maxima, the same for both loads.  None where
+        the law has none.
+        """
+        if not self.inside(model):
+            return None
+        return all(self._lost(model, control) <= FALLS for control in CONTROLS)
+
+    def _lost(self, model: str, control: str) -> float:
+        fall = self.fall(model, control)
+        if fall is not None:
+            return fall
+        at = np.log([p.at for p in self.peaks[model, "law"]])
+        first, last = (np.interp(at, np.log(self.angles), self.curves[model, control][i]) for i in (0, -1))
+        return float(np.max(1.0 - last / first))
+
+    def no_maximum(self, model: str) -> float | None:
+        """Largest slip angle (deg) up to which the law's side force still rises at one of the loads, None if inside."""
+        return float(self.angles[-1]) if any(p.last for p in self.peaks[model, "law"]) else None
 
     def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
+        held = [self.sound(model) for model in MODELS]
         maxima = [
             {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge,
              "at_first": p.first, "at_last": p.last}
@@ -168,10 +199,11 @@ class Cornering:
         return {
             "maxima": maxima,
             "fall": {model: self.fall(model) for model in MODELS},
+            "no_maximum_up_to_deg": {model: self.no_maximum(model) for model in MODELS},
             "fall_of_controls": {f"{m}, both {c}": self.fall(m, c) for m in MODELS for c in CONTROLS},
-            "controls_hold": all(map(self.sound, MODELS)),
+            "controls_hold": None if None in held else all(held),
             "footprint_length_m": [float(self.tyre.length(load)) for load in self.loads],
-            "memory_m": self.law.r0,
+            "memory_m": float(self.law.reach(self.tyre.pull(self.peaks["brush", "law"][0].at))),
             "ringing": self.ringing,
             "chatter": self.chatter,
             "curves": {f"{m}, {c}": v.tolist() for (m, c), v in self.curves.items()},
@@ -202,12 +234,16 @@ def corner(
     mass: float,
     T0: float,
     watch: Callable[..., Any] | None = None,
+    steepest: float = STEEPEST,
 ) -> Cornering:
     """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
 
+    Several angles are led on, down to FLATTEST and up to `steepest`, until every maximum of the law lies inside them.
     `watch(done, total)` is told about every law.  Raises SolverFailure.
     """
     loads, angles = np.sort(np.asarray(loads, dtype=float)), np.sort(np.asarray(angles, dtype=float))
+    if len(angles) > 1:
+        angles = _wide_enough(tyre, law, loads, angles, stiffness, mass, steepest)
     curves, peaks, chatter = {}, {}, False
     for n, name in enumerate(LAWS):
         one = law if name == "law" else law.alike(name)
@@ -219,3 +255,27 @@ def corner(
         if watch:
             watch(n + 1, len(LAWS))
     return Cornering(tyre, law, bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter)
+
+
+def _wide_enough(
+    tyre: Tyre, law: Law, loads: np.ndarray, angles: np.ndarray, stiffness: float, mass: float, steepest: float
+) -> np.ndarray:
+    """The angles (deg), led on until the law's side force falls again at both ends, for every load and model.
+
+    Angles at which no bristle finds its speed are left out.
+    """
+    kept = angles
+    while True:
+        try:
+            curves = [rigid(tyre, law, loads, angles), brush(tyre, law, loads, angles, stiffness, mass)[0]]
+        except SolverFailure:
+            return kept
+        tops, kept = [highest(angles, mu) for curve in curves for mu in curve], angles
+        more = []
+        if any(t.last for t in tops) and angles[-1] < steepest:
+            more += [min(angles[-1] * ONWARD**k, steepest) for k in range(1, AT_ONCE + 1)]
+        if any(t.first for t in tops) and angles[0] > FLATTEST:
+            more += [max(angles[0] / ONWARD**k, FLATTEST) for k in range(1, AT_ONCE + 1)]
+        if not more:
+            return angles
+        angles = np.unique(np.concatenate([angles, more]))

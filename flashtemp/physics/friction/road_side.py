@@ -1,0 +1,65 @@
+"""The road under a spot in memory kernels: what it takes of the heat, and what is released in the contact itself.
+
+A spot belongs to a road asperity.  Rubber leaves it after D/v, but its stone stays in contact: the road remembers all
+that it took since it came under the rubber, without the overlap of discs that makes the rubber forget.  The means over
+the contact of both sides agree,
+
+    T_0 + int h(w) [int Q' 2q' erfcx(2q' sqrt(D tau))/(rho c) dq' + (q_a - J)/(e_R sqrt(pi tau))] dtau
+        = T_0 + int R(tau) J/(e_S sqrt(pi tau)) dtau + J/alpha
+
+with J into the road and R what a disc keeps of its heat (theory 1.6, eqs. (11), (14), (15), (15b)).
+
+>>> from flashtemp.physics.material import LIBRARY
+>>> stone = RoadSide(LIBRARY["asphalt"])
+>>> print(f"{1e6 * stone.warmed(0.25, 3e-3):.2f} {1e6 * stone.warmed(0.25, 1.0):.2f} K m2/MW")
+333.43 381.53 K m2/MW
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from flashtemp.physics.arrays import Value
+from flashtemp.physics.friction.heat_kernels import ROOT_PI, retained
+from flashtemp.physics.material import Material
+
+DECADES = (-12.0, 8.0)  # of D tau over the square of the diameter
+
+
+@cache
+def _disc() -> CubicSpline:
+    """int_0^u R du/(2 sqrt u) over sqrt u, against log10 u: u the age over diameter^2/diffusivity."""
+    logs = np.linspace(*DECADES, 801)
+    edges = np.concatenate([[0.0], 10.0 ** (0.5 * logs)])  # sqrt u
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half = 0.5 * np.diff(edges)[:, None]
+    s = 0.5 * (edges[1:] + edges[:-1])[:, None] + half * nodes
+    kept = np.cumsum(np.sum(half * weights * retained(s * s, 1.0, 1.0), axis=1))
+    return CubicSpline(logs, kept / edges[1:])
+
+
+@dataclass(frozen=True)
+class RoadSide:
+    """A road as half-space of a `material` behind a contact of conductance `alpha` (W/m2K)."""
+
+    material: Material
+    alpha: float = np.inf
+
+    def warmed(self, age: Value, diameter: float) -> Value:
+        """Rise of a spot's mean per W/m2 of an even flux (K m2/W) after `age` (s >= 0), by eq. (15b)."""
+        age = np.asarray(age, dtype=float)
+        u = self.material.diffusivity * age / diameter**2
+        at = np.log10(np.clip(u, 10.0 ** DECADES[0], 10.0 ** DECADES[1]))
+        root = np.sqrt(np.minimum(age, 10.0 ** DECADES[1] * diameter**2 / self.material.diffusivity))
+        return 2.0 * root * _disc()(at) / (ROOT_PI * self.material.effusivity)
+
+    def taken(self, rubber: Value, before: Value, own: Value, mine: Value) -> Value:
+        """Flux (W/m2) into the road at which both sides agree.
+
+        `rubber` and `before` (K) are the two surfaces without it, `own` and `mine` (K m2/W) what it does to them.
+        """
+        return (rubber - before) / (own + mine + 1.0 / self.alpha)

@@ -1,4 +1,4 @@
-"""The three ways a computation can end early, each with a sentence for people."""
+"""The ways a computation can end early, each with a sentence for people."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 WORD = re.compile(r"[^\s/]{256,}")  # longer than the name of any file
 MANY = 16  # names in a message
@@ -34,10 +35,10 @@ class SolverFailure(FlashtempError):
 
 
 class Interrupted(FlashtempError):
-    """The user stopped the work; what goes on from it is left in `path`, and `how` to."""
+    """The user stopped the work; what goes on from it is `left` in `path`, and `how` to."""
 
-    def __init__(self, path: Path, how: str):
-        super().__init__(f"interrupted; checkpoint left in {path}; go on with: {how}")
+    def __init__(self, path: Path, how: str, left: str = "checkpoint"):
+        super().__init__(f"interrupted; {left} left in {path}; go on with: {how}")
         self.path = path
 
 
@@ -48,6 +49,34 @@ def short(text: str) -> str:
     '... (500 characters)'
     """
     return text if len(text) <= 200 else f"{text[:160]}... ({len(text)} characters)"
+
+
+class Halted(FlashtempError):
+    """The machine stopped the work, as by a full disk; what goes on from it is left in `path`, and `how` to."""
+
+    def __init__(self, fault: BaseException, path: Path, how: str):
+        super().__init__(f"{reason(fault)}; checkpoint left in {path}; mend that and go on with: {how}")
+        self.path = path
+
+
+class Incomplete(FlashtempError):
+    """A `result` is there, but not all that should lie beside it: says what is missing and how to get it."""
+
+    def __init__(self, text: str, result: Any):
+        super().__init__(text)
+        self.result = result
+
+
+def reason(fault: BaseException) -> str:
+    """Why something failed, in one line.
+
+    >>> reason(OSError(28, "No space left on device", "run.nc")), reason(ValueError())
+    ('No space left on device: run.nc', 'ValueError')
+    """
+    if isinstance(fault, OSError) and fault.strerror:
+        return f"{fault.strerror}: {fault.filename}" if fault.filename else fault.strerror
+    said, kind = short(" ".join(str(fault).split())), type(fault).__name__
+    return said if isinstance(fault, FlashtempError) else f"{kind}: {said}" if said else kind
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import os
+import secrets
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -110,5 +113,19 @@ def to_json(data: Any) -> str:
 
 
 def write_json(data: Any, file: Path) -> None:
-    """Write plain data into a JSON file."""
-    file.write_text(to_json(data) + "\n", encoding="utf-8")
+    """Write plain data into a JSON file, whole or not at all."""
+    with whole_file(file) as fresh:
+        fresh.write_text(to_json(data) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A new name beside `path` to write to, which becomes `path` when all is on disk; a failure changes nothing."""
+    fresh = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+    try:
+        yield fresh
+        with fresh.open("rb") as file:
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import flashtemp
-from flashtemp.__main__ import app
+from flashtemp.cli.commands import app
 from flashtemp.discovery.verdict import Cause, Estimate, Rival, Verdict
 from flashtemp.runs.load_dependence import NAMES, Loads, subsets
 from flashtemp.showing import MOST, Sheet, Shown

@@ -189,11 +189,23 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
         resume(tmp_path / "out")
 
 
-def test_a_failure_leaves_nothing(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(job.vtk, "write", lambda *a: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        simulate(load(folder, SMALL), out=tmp_path / "out")
+def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
+    lost = {"effects": ["wear"], "wear.rate": 1e-7, "schedule.speed": 1.0, "contact.pressure": 1e7}
+    with pytest.raises(flashtemp.SolverFailure, match="worn through"):
+        simulate(load(folder, SMALL | lost), out=tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, monkeypatch):
+    with monkeypatch.context() as m:
+        m.setattr(job.vtk, "write", lambda *a: 1 / 0)
+        with pytest.raises(flashtemp.errors.Halted, match="division by zero; checkpoint left in"):
+            simulate(load(folder, SMALL), out=tmp_path / "out")
+    assert [p.name for p in tmp_path.iterdir()] == ["out.partial"]
+    run = resume(tmp_path / "out", watch=lambda progress, end: pytest.fail("it was marched again"))
+    np.testing.assert_array_equal(run.T_block, result[1].T_block)
+    np.testing.assert_array_equal(run.field, result[1].field)
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {p.name for p in result[0].iterdir()} - {"pvd"}
 
 
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.8])

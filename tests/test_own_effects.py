@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flashtemp import __main__ as command_line
 from flashtemp.__main__ import main
+from flashtemp.cli import commands as command_line
 from flashtemp.errors import BadInput, Interrupted
 from flashtemp.model.case import load
 from flashtemp.physics import own_effects

@@ -137,11 +137,18 @@ def test_bad_sweeps_are_told_in_one_line(case, tmp_path, capsys, given, says):
 
 def test_another_sweep_does_not_touch_what_is_there(case, tmp_path, capsys):
     out = tmp_path / "out"
-    (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial" / "note").write_text("mine")
-    assert main(["sweep", str(case), *AXES, "--out", str(out)]) == 2
-    assert "something else" in capsys.readouterr().err
-    assert (tmp_path / "out.partial" / "note").read_text() == "mine"
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        carried(case, out, *AXES, workers=1, watch=stop)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["sweep", str(case), "friction.mu=0.5,0.6", "--out", str(out)]) == 2
+    assert "holds an interrupted sweep; go on with 'the same command'" in capsys.readouterr().err
+    assert main(["run", str(case), "--out", str(out)]) == 2
+    assert "holds an interrupted sweep" in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_words_may_be_swept_and_are_drawn(case, tmp_path):

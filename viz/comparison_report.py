@@ -9,6 +9,7 @@ import numpy as np
 
 from flashtemp.comparison.compare import SURE, Comparison, Pulling, Seeing, words
 from flashtemp.comparison.noise import Place
+from flashtemp.showing import whole_file
 from flashtemp.solver.run import Run
 from flashtemp.viz import html
 
@@ -39,7 +40,8 @@ READING = (
 def write(comparison: Comparison, path) -> Path:
     """Write one self-contained HTML file about a comparison, pictures inside; returns its path."""
     path = Path(path)
-    path.write_text(text(comparison), encoding="utf-8")
+    with whole_file(path) as fresh:
+        fresh.write_text(text(comparison), encoding="utf-8")
     return path
 
 

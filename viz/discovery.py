@@ -69,8 +69,4 @@ def figures(verdict) -> dict[str, Figure]:
 
 def draw_all(verdict, folder) -> list[Path]:
     """Write every picture that applies as a PNG file into a folder that exists; returns their paths."""
-    out = []
-    for name, fig in figures(verdict).items():
-        out.append(Path(folder) / f"{name}.png")
-        fig.savefig(out[-1], dpi=theme.DPI)
-    return out
+    return [theme.save(fig, Path(folder) / f"{name}.png") for name, fig in figures(verdict).items()]

@@ -10,10 +10,13 @@ import textwrap
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+
+from flashtemp.showing import whole_file
 
 SPOT = "#B2182B"  # in the macroasperity contact regions
 BLOCK = "#1FA37A"  # block, averaged across y
@@ -68,6 +71,13 @@ def figure(title: str, width: float, height: float) -> Figure:
     short = textwrap.shorten(title, round(11 * width), placeholder=" ...")
     fig.suptitle(short, x=0.01, ha="left", parse_math=False)
     return fig
+
+
+def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
+    """Write a picture in the format of its name, whole or not at all; returns the path."""
+    with whole_file(path) as fresh:
+        figure.savefig(fresh, dpi=dpi)
+    return path
 
 
 def temperature_map() -> ListedColormap:

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 
 from flashtemp.discovery.verdict import Cause, Rival, Verdict
+from flashtemp.showing import whole_file
 from flashtemp.viz import html
 
 ALARM = 8.0  # ln Bayes factor below which nothing is claimed
@@ -45,7 +46,8 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def write(verdict: Verdict, path) -> Path:
     """Write one self-contained HTML file about a verdict, pictures inside; returns its path."""
     path = Path(path)
-    path.write_text(text(verdict), encoding="utf-8")
+    with whole_file(path) as fresh:
+        fresh.write_text(text(verdict), encoding="utf-8")
     return path
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.api.inputs import Say, silent
+from flashtemp.api.pictures import drawing
 from flashtemp.camera import import_options, importing
 from flashtemp.camera.import_options import Facts
 from flashtemp.camera.import_request import Request, found
@@ -40,7 +41,9 @@ def import_recording(
     if target is None:
         return result
     result.recording.save(target)
-    return replace(result, saved=target, picture=_picture(result, target))
+    saved = replace(result, saved=target)
+    with drawing(saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"):
+        return replace(saved, picture=_picture(result, target))
 
 
 def recording_template() -> str:
@@ -60,13 +63,9 @@ def _picture(result: Imported, target: Path) -> Path | None:
     """The registration picture beside the recording; a profile or a single row of pixels has none."""
     if result.recording.view == "profile" or min(len(result.recording.u), len(result.recording.v)) < 2:
         return None
+    from flashtemp.viz import theme
     from flashtemp.viz.registration import draw
 
     picture = target.with_suffix(".png")
-    fresh = picture.with_name(picture.name + ".new")
-    try:
-        draw(result.recording, result.block).savefig(fresh, format="png")
-        fresh.replace(picture)
-    finally:
-        fresh.unlink(missing_ok=True)
+    theme.save(draw(result.recording, result.block), picture)
     return picture

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.api.inputs import Overrides, Say, case_of, silent
+from flashtemp.api.pictures import AGAIN, drawing
 from flashtemp.comparison import campaign as reading
 from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import twin as twins
@@ -48,11 +49,12 @@ def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, s
     with wanted(out) as work:
         result = comparing.compare(loaded, say)
         if work is not None:
-            from flashtemp.viz import comparison_report
-
             write_json(result.as_dict(), work / "compare.json")
             say("writing the report")
-            comparison_report.write(result, work / "report.html")
+            with drawing(result, out or work, "report.html", AGAIN):
+                from flashtemp.viz import comparison_report
+
+                comparison_report.write(result, work / "report.html")
     return result
 
 
@@ -72,13 +74,14 @@ def discover(
     with wanted(out) as work:
         verdict, search = discovering.discover(loaded, say, workers, scheduler)
         if work is not None:
-            from flashtemp.viz import discovery, verdict_report
-
             write_json(verdict.as_dict(), work / "verdict.json")
             discovering.write_extended(search, verdict, work)
             say("writing the report")
-            discovery.draw_all(verdict, work)
-            verdict_report.write(verdict, work / "report.html")
+            with drawing(verdict, out or work, "report.html and pictures", AGAIN):
+                from flashtemp.viz import discovery, verdict_report
+
+                verdict_report.write(verdict, work / "report.html")
+                discovery.draw_all(verdict, work)
     return verdict
 
 
@@ -98,10 +101,12 @@ def plan(
         with crew(predict, workers, scheduler) as run:
             outlook = experiment_design.plan(prepare(loaded, run))
         if work is not None:
-            from flashtemp.viz import separability as picture
-
             write_json(outlook.as_dict(), work / "plan.json")
-            picture.draw(outlook).savefig(work / "separability.png")
+            with drawing(outlook, out or work, "separability.png", AGAIN):
+                from flashtemp.viz import separability as picture
+                from flashtemp.viz import theme
+
+                theme.save(picture.draw(outlook), work / "separability.png")
     return outlook
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flashtemp.api.inputs import Count, Overrides, case_of, uncounted
+from flashtemp.api.pictures import AGAIN, drawing
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.friction.contact_map import Spots
@@ -36,10 +37,12 @@ def friction(
     with wanted(out) as work:
         found = friction_study.study(loaded, slowest, fastest)
         if work is not None and out is not None:
-            from flashtemp.viz import friction_curves as picture
-
             found.save(work, Path(out))
-            picture.draw(found.curves, loaded.title).savefig(work / "friction.png")
+            with drawing(found, out or work, "friction.png", AGAIN):
+                from flashtemp.viz import friction_curves as picture
+                from flashtemp.viz import theme
+
+                theme.save(picture.draw(found.curves, loaded.title), work / "friction.png")
     return found
 
 
@@ -64,12 +67,14 @@ def loads(
     with wanted(out) as work:
         found = load_dependence.attribute(loaded, pressures, speeds, workers, watch)
         if work is not None:
-            from flashtemp.viz import loads as picture
-
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
             write_json(found.as_dict(), work / "loads.json")
             found.save(work / "loads.csv")
-            picture.draw(found).savefig(work / "loads.png")
+            with drawing(found, out or work, "loads.png", AGAIN):
+                from flashtemp.viz import loads as picture
+                from flashtemp.viz import theme
+
+                theme.save(picture.draw(found), work / "loads.png")
     return found
 
 
@@ -88,10 +93,12 @@ def tread(
     with wanted(out) as work:
         answer = asked.roll(watch)
         if work is not None and out is not None:
-            from flashtemp.viz import tread as picture
-
             answer.save(work, Path(out))
-            picture.draw(answer.found, asked.setup.case.title).savefig(work / "tread.png")
+            with drawing(answer, out or work, "tread.png", AGAIN):
+                from flashtemp.viz import theme
+                from flashtemp.viz import tread as picture
+
+                theme.save(picture.draw(answer.found, asked.setup.case.title), work / "tread.png")
     return answer
 
 
@@ -110,10 +117,12 @@ def tyre(
     with wanted(out) as work:
         answer = asked.corner(watch)
         if work is not None and out is not None:
-            from flashtemp.viz import tyre as picture
-
             answer.save(work, Path(out))
-            picture.draw(answer.found, asked.setup.case.title).savefig(work / "tyre.png")
+            with drawing(answer, out or work, "tyre.png", AGAIN):
+                from flashtemp.viz import theme
+                from flashtemp.viz import tyre as picture
+
+                theme.save(picture.draw(answer.found, asked.setup.case.title), work / "tyre.png")
     return answer
 
 
@@ -170,10 +179,13 @@ def spectrum(
                 raise BadInput(f"--out: {path} exists; choose another name")
     found = roads.power_spectrum(Path(file), profile, highpass, pixel)
     if out is not None:
-        from flashtemp.viz import spectrum as picture
-
         found.save(Path(out))
-        picture.draw(found.points, found.summary.law, found.file.name).savefig(Path(out).with_suffix(".png"))
+        with drawing(found, Path(out).parent, Path(out).with_suffix(".png").name, AGAIN):
+            from flashtemp.viz import spectrum as picture
+            from flashtemp.viz import theme
+
+            drawn = picture.draw(found.points, found.summary.law, found.file.name)
+            theme.save(drawn, Path(out).with_suffix(".png"))
     return found
 
 

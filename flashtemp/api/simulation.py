@@ -53,15 +53,18 @@ def resume(
     return job.resume(Path(folder), pvd, watch, say, _draw, trust)
 
 
-def _draw(run: Run, folder: Path, animated: bool, say: Say) -> None:
-    """Pictures of a run and, where something moves in it, its animations."""
+def resumed_as(folder: str | Path) -> Path:
+    """The result folder that an interrupted run will become.  Raises BadInput where there is none."""
+    return job.interrupted(Path(folder))[1]
+
+
+def _draw(run: Run, folder: Path, animated: bool, say: Say) -> dict[str, str]:
+    """Pictures of a run and, where something moves in it, its animations; {what is missing: why}."""
     from flashtemp import viz
 
     say("drawing pictures")
-    viz.draw_all(run, folder)
-    if animated and any(viz.applies(module, run) for module in viz.ANIMATIONS):
-        say("drawing the animation")
-        viz.animate(run, folder)
+    _, missing = viz.draw_each(run, folder, animated=animated)
+    return dict(missing)
 
 
 def open_fields(folder: str | Path) -> Fields:
@@ -124,6 +127,8 @@ def _screenshot(fields: Fields, t: float, file: Path, say: Say) -> Viewed:
     if able:
         space.screenshot(fields, t, file)
     else:
+        from flashtemp.viz import theme
+
         say(f"drawn without VTK, which finds no window here: install {window.MISSING}")
-        space.plain(fields, t).savefig(file)
+        theme.save(space.plain(fields, t), file)
     return Viewed(file, t, able)

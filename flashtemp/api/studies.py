@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.api.inputs import Count, Overrides, Say, case_of, silent, uncounted
+from flashtemp.api.pictures import drawing
 from flashtemp.model.case import Case
 from flashtemp.runs import convergence, running_in, wait_time
 from flashtemp.runs import sweep as sweeps
@@ -34,12 +35,14 @@ def sweep(
     asked = case if isinstance(case, Sweep) else sweeps.plan(case, axes or {}, overrides)
     if out is None:
         return sweeps.carry_out(asked, None, workers, scheduler, watch)
-    from flashtemp.viz import sweep as picture
-
     with sweeps.folder(Path(out), asked) as work:
         found = sweeps.carry_out(asked, work, workers, scheduler, watch)
         found.save(work)
-        picture.draw(found.dataset).savefig(work / "sweep.png")
+        with drawing(found, out, "sweep.png", f"flashtemp draw {out}"):
+            from flashtemp.viz import sweep as picture
+            from flashtemp.viz import theme
+
+            theme.save(picture.draw(found.dataset), work / "sweep.png")
     return found
 
 

@@ -13,7 +13,7 @@ from flashtemp.camera.plausible import HOTTEST, extent, fits, parts
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_hdf5
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import Sheet, Shown, whole_file
 
 VIEWS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
@@ -148,16 +148,12 @@ class Recording(Shown):
     def save(self, path) -> None:
         """Write NetCDF-4; replaces the file only when whole."""
         path = Path(path)
-        fresh = path.with_name(path.name + ".new")
-        try:
+        with whole_file(path) as fresh:
             if self.temperature.nbytes <= IN_MEMORY:
                 encoding = {"temperature": {"zlib": True, "complevel": 4}, "time": {"dtype": "float64"}}
                 fresh.write_bytes(bytes(self.dataset().to_netcdf(engine="h5netcdf", encoding=encoding)))
             else:
                 self._stream(fresh)
-            fresh.replace(path)
-        finally:
-            fresh.unlink(missing_ok=True)
 
     def _stream(self, path: Path) -> None:
         """Write a file frame by frame: images that are no more in memory at once than a few."""

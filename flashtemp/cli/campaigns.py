@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from flashtemp.cli.terminal import DONE, Json, Trust, emit, result_folder, teller
+from flashtemp.cli.terminal import DONE, Json, Trust, emit, finished, result_folder, teller
 
 
 def compare(campaign: Path, /, *, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
@@ -21,9 +22,9 @@ def compare(campaign: Path, /, *, out: Path | None = None, trust: Trust = False,
 
     loaded = campaigns.open_campaign(campaign, trust=trust)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
-    result = campaigns.compare(loaded, out=folder, say=teller(json))
+    result, code = finished(lambda: campaigns.compare(loaded, out=folder, say=teller(json)))
     emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
-    return DONE
+    return code
 
 
 def discover(
@@ -53,9 +54,10 @@ def discover(
 
     loaded = campaigns.open_campaign(campaign, trust=trust)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
-    verdict = campaigns.discover(loaded, out=folder, workers=workers, scheduler=scheduler, say=teller(json))
+    how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "say": teller(json)}
+    verdict, code = finished(lambda: campaigns.discover(loaded, **how))
     emit(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
-    return DONE
+    return code
 
 
 def plan(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.terminal import DONE, Json, Switch, Trust, emit, progress_bar, result_folder, tell, teller
+from flashtemp.cli.terminal import DONE, Json, Switch, Trust, emit, finished, progress_bar, result_folder, tell, teller
 from flashtemp.errors import BadInput
 
 
@@ -45,16 +45,17 @@ def run(
     if resume is not None:
         if overrides:
             raise BadInput("--resume: an interrupted run goes on as it was; leave out the key=value")
-        folder = resume.with_name(resume.name.removesuffix(".partial"))
+        folder = simulation.resumed_as(resume)
         with progress_bar("resuming") as watch:
-            result = simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust)
+            result, code = finished(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))
     elif case is not None:
         loaded = inputs.load(case, list(overrides), trust=trust)
         folder = result_folder(out, loaded.name)
         with progress_bar(loaded.name) as watch:
-            result = simulation.simulate(loaded, out=folder, overwrite=overwrite, pvd=pvd, watch=watch, say=say)
+            how: dict[str, Any] = {"out": folder, "overwrite": overwrite, "pvd": pvd, "watch": watch, "say": say}
+            result, code = finished(lambda: simulation.simulate(loaded, **how))
     emit(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
-    return DONE
+    return code
 
 
 def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None = None, json: Json = False) -> int:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from flashtemp.cli.terminal import DONE, FAILED, Json, Trust, counter, emit, teller
+from flashtemp.cli.terminal import DONE, FAILED, Json, Trust, counter, emit, finished, teller
 
 
 def sweep(
@@ -41,9 +41,10 @@ def sweep(
     asked = sweeps.plan(case, *sweeps.parsed(list(values)), trust)
     folder = out or Path("results") / f"{asked.case.name}-sweep"
     with counter(asked.case.name) as watch:
-        found = studies.sweep(asked, out=folder, workers=workers, scheduler=scheduler, watch=watch)
+        how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "watch": watch}
+        found, code = finished(lambda: studies.sweep(asked, **how))
     emit({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
-    return FAILED if found.failed else DONE
+    return FAILED if found.failed else code
 
 
 def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -11,9 +10,12 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from flashtemp.cli.ending import BAD, DONE, FAILED, tell
+from flashtemp.errors import Incomplete
 from flashtemp.showing import to_json
 
-DONE, FAILED, BAD, STOPPED = 0, 1, 2, 130
+__all__ = ["BAD", "DONE", "FAILED", "tell"]  # and what stands below
+
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
 ]
@@ -26,14 +28,20 @@ Trust = Annotated[
 ]
 
 
-def tell(text: str) -> None:
-    """A message for the person at the terminal."""
-    print(text, file=sys.stderr)
-
-
 def teller(as_json: bool) -> Callable[[str], None]:
     """Who is told what is being done: the person, or nobody beside JSON."""
     return (lambda text: None) if as_json else tell
+
+
+def finished(call: Callable[[], Any]) -> tuple[Any, int]:
+    """What a call returns and the exit code; where something is missing beside a result, that is told."""
+    try:
+        return call(), DONE
+    except Incomplete as fault:
+        if fault.result is None:
+            raise
+        tell(str(fault))
+        return fault.result, FAILED
 
 
 def result_folder(out: Path | None, name: str) -> Path:

@@ -1,73 +1,147 @@
-"""Checkpoints of a march: all that an interrupted run needs to go on, beside the fields that it has kept so far."""
+"""Checkpoints of a march: all that an interrupted run needs to go on, beside the fields that it has kept so far.
+
+Each counts only when it and the fields are on disk, and is read only when not a bit of them has changed.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
+import json
+import os
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.runs import vtk
+from flashtemp.runs.folders import sync
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.progress import Progress
 
-CHECKPOINT, FRAMES = "checkpoint.h5", "frames.bin"
+CHECKPOINT, FRAMES, RESERVE = "checkpoint.h5", "frames.bin", "reserve.bin"
+HEAD = 512  # bytes before the HDF5 image (a user block, which HDF5 passes over): what it is, and its checksum
+SPARE = 1 << 18  # bytes, beside twice the last checkpoint, that are kept free for one when the disk is full
 
 
 def save(work: Path, p: Progress) -> None:
-    """Write all that a march needs to go on; replaces the last checkpoint only when whole."""
-    fresh = work / (CHECKPOINT + ".new")
-    with vtk.in_memory(fresh) as file:
+    """Write all that a march needs to go on; replaces the last checkpoint only when whole and on disk.
+
+    Where the disk is full, the room kept in reserve is given up for it.  Raises OSError.
+    """
+    image = _image(work, p)
+    try:
+        p.frames.settle()
+        _write(work, image)
+    except OSError:
+        if not (work / RESERVE).exists():
+            raise
+        (work / RESERVE).unlink()
+        _write(work, image)
+    else:
+        _keep_free(work / RESERVE, 2 * len(image) + SPARE)
+
+
+def _image(work: Path, p: Progress) -> bytes:
+    with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
         file.attrs.update(
             {
                 "t": p.t,
                 "phase": p.phase,
                 "steps": p.steps,
                 "wall": p.wall,
-                "frames": len(p.frames),
+                "fields": _described(p.frames.dtype),
                 "case": _fingerprint(work),
                 **{f"calls_{k}": v for k, v in p.calls.items()},
             }
         )
         file["y"], file["left"] = p.y, p.left
+        file["sums"] = np.array([list(s) for s in p.frames.sums], dtype=np.uint8)
         for name, values in p.records.items():
             data = np.array(values, dtype=object if name == "ledger" else None)
             file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
         if p.track is not None:
             for name in ("place", "time", "mean", "lane"):
                 file[f"track/{name}"] = np.array(getattr(p.track, name))
-    fresh.replace(work / CHECKPOINT)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _head(image: bytes) -> bytes:
+    return f"flashtemp checkpoint 2, sha256 of what follows: {hashlib.sha256(image).hexdigest()}\n".encode().ljust(HEAD)
+
+
+def _write(work: Path, image: bytes) -> None:
+    fresh = work / (CHECKPOINT + ".new")
+    try:
+        with fresh.open("wb") as file:
+            file.write(_head(image))
+            file.write(image)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(work / CHECKPOINT)
+    except OSError:
+        fresh.unlink(missing_ok=True)
+        raise
+    sync(work)
+
+
+def _keep_free(file: Path, size: int) -> None:
+    """Take room on the disk, where it can be had, to give it up when there is no other."""
+    with suppress(OSError), file.open("ab") as held:
+        if file.stat().st_size < size:
+            os.posix_fallocate(held.fileno(), 0, size)
 
 
 def load(work: Path) -> Progress:
-    """The Progress of a checkpoint; BadInput when it is damaged or its case was changed meanwhile."""
+    """The Progress of a checkpoint; BadInput when it or its fields are damaged or its case was changed meanwhile."""
+    file = work / CHECKPOINT
     try:
-        with h5py.File(work / CHECKPOINT) as file:
-            if file.attrs["case"] != _fingerprint(work):
+        data = file.read_bytes()
+        if data[:HEAD] != _head(data[HEAD:]):
+            raise BadInput(f"--resume: {file} is damaged; start the run anew")
+        with h5py.File(io.BytesIO(data[HEAD:])) as held:
+            if held.attrs["case"] != _fingerprint(work):
                 raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
-            return _progress(file, work)
-    except (OSError, KeyError) as fault:
-        raise BadInput(f"--resume: {work / CHECKPOINT} is damaged ({fault}); start the run anew") from fault
+            found = _progress(held, work)
+    except (OSError, KeyError, ValueError) as fault:
+        raise BadInput(f"--resume: {file} is damaged ({' '.join(str(fault).split())}); start the run anew") from fault
+    if wrong := found.frames.damaged():
+        raise BadInput(f"--resume: {wrong}; start the run anew")
+    return found
 
 
 def _fingerprint(work: Path) -> str:
-    return hashlib.sha256((work / "case.toml").read_bytes()).hexdigest()
+    """Of the case and all files that it names."""
+    seen = hashlib.sha256((work / "case.toml").read_bytes())
+    for path in sorted((work / "inputs").rglob("*")):
+        if path.is_file() and path.suffix != ".pyc":
+            seen.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return seen.hexdigest()
+
+
+def _described(dtype: np.dtype | None) -> str:
+    """Names, kinds and shapes of the fields of a row."""
+    parts = [] if dtype is None else [(n, dtype[n].base.str, list(dtype[n].shape)) for n in dtype.names or ()]
+    return json.dumps(parts)
 
 
 def _progress(file, work: Path) -> Progress:
     """The track's columns are put back when the march rebuilds it."""
     a = file.attrs
-    records = {k: list(v[:]) for k, v in file["records"].items()}
-    records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
+    records = {k: list(v[:]) for k, v in file["records"].items()} if "records" in file else {}
+    if records:
+        records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
     columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
+    fields = [(n, kind, tuple(shape)) for n, kind, shape in json.loads(a["fields"])]
+    sums = [bytes(s.tolist()) for s in file["sums"][:]]
     return Progress(
         t=float(a["t"]),
         phase=int(a["phase"]),
         y=file["y"][:],
         records=records,
-        frames=Frames(work / FRAMES, int(a["frames"])),
+        frames=Frames(work / FRAMES, np.dtype(fields) if fields else None, sums),
         steps=int(a["steps"]),
         calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
         wall=float(a["wall"]),

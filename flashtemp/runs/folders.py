@@ -1,48 +1,235 @@
-"""Result folders: whole or absent, never half-written, and Ctrl-C seen where work leaves something whole."""
+"""Result folders: whole or absent, made under names that nobody else uses; only what a run itself made is removed."""
 
 from __future__ import annotations
 
+import errno
+import json
+import os
+import re
 import shutil
 import signal
+import socket
 import threading
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, Incomplete, Interrupted
+
+MARKER = ".flashtemp.json"  # in a working folder: whose it is; held locked while it is being written
+
+
+@dataclass(frozen=True)
+class Owner:
+    """What a marker says: the name of the result, the command that writes it, and how an interrupted one goes on.
+
+    A folder can be gone on with, by `resume`, once it holds the file `needs`.
+    """
+
+    out: str
+    command: str
+    needs: str = ""
+    resume: str = ""
+    overwrite: bool = False
+    process: str = ""
 
 
 def free_name(out: Path) -> Path:
     """The folder itself, or the first of name-2, name-3... that does not exist yet."""
-    n, path = 1, out
-    while path.exists() or partial(path).exists():
+    return _unused(out, lambda path: os.path.lexists(path) or bool(partials(path)))
+
+
+def _unused(path: Path, used: Callable[[Path], bool] = os.path.lexists) -> Path:
+    n, free = 1, path
+    while used(free):
         n += 1
-        path = out.with_name(f"{out.name}-{n}")
-    return path
+        free = path.with_name(f"{path.name}-{n}")
+    return free
 
 
-def partial(out: Path) -> Path:
-    """Where a result is written until it is whole."""
-    return out.with_name(out.name + ".partial")
+def partials(out: Path) -> list[Path]:
+    """What lies beside `out` under the names of working folders, whoever made it: name.partial, name.partial-2..."""
+    name = re.compile(re.escape(out.name) + r"\.partial(-[0-9]+)?")
+    with suppress(OSError):
+        return sorted(path for path in out.parent.iterdir() if name.fullmatch(path.name))
+    return []
+
+
+def owner(folder: Path) -> Owner | None:
+    """Whose working folder that is; None where no run of flashtemp made it."""
+    if folder.is_symlink() or not folder.is_dir():
+        return None
+    try:
+        return Owner(**json.loads((folder / MARKER).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def left_behind(out: Path, command: str) -> list[Path]:
+    """Working folders of a command for `out` that can be gone on with."""
+    mine = [(path, owner(path)) for path in partials(out)]
+    return [p for p, o in mine if o and (o.out, o.command) == (out.name, command) and (p / o.needs).is_file()]
 
 
 @contextmanager
-def whole(out: Path) -> Iterator[Path]:
-    """A new folder to write into, renamed to `out` at the end; a failure leaves nothing.  Raises BadInput."""
-    if out.exists():
-        raise BadInput(f"--out: {out} exists; choose another folder")
-    work = partial(out)
-    shutil.rmtree(work, ignore_errors=True)
+def claim(
+    out: Path, mine: Owner, go_on: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
+) -> Iterator[Path]:
+    """A working folder beside `out` that no other run writes: a new one, or what an interrupted run left.
+
+    `go_on(folder)` says whether that is what is wanted; with `overwrite` it is emptied.  Raises BadInput where `out`
+    exists, is being written, or an interrupted run of something else waits for it.
+    """
     try:
-        work.mkdir(parents=True)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with _turn(out.parent):
+            if os.path.lexists(out) and not overwrite:
+                raise BadInput(f"--out: {out} exists; choose another folder")
+            work, lock = _left(out, go_on, overwrite) or _new(out, mine)
     except OSError as fault:
         raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
     try:
         yield work
-        work.rename(out)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
+    finally:
+        os.close(lock)
+
+
+def _left(out: Path, go_on: Callable[[Path], bool], overwrite: bool) -> tuple[Path, int] | None:
+    """What an interrupted run left for `out`, locked; None where a new folder is to be made."""
+    for path in partials(out):
+        told = owner(path)
+        if told is None or told.out != out.name:
+            continue
+        lock = hold(path)
+        if (path / told.needs).is_file() if told.needs else False:
+            if go_on(path):
+                return path, lock
+            if overwrite:
+                _empty(path)
+                return path, lock
+            os.close(lock)
+            hint = f"go on with '{told.resume}', choose another folder or remove it"
+            raise BadInput(f"--out: {path} holds an interrupted {told.command}; {hint}")
+        os.close(lock)  # killed before there was anything to go on with
+    return None
+
+
+def _new(out: Path, mine: Owner) -> tuple[Path, int]:
+    work = _unused(out.with_name(f"{out.name}.partial"))
+    work.mkdir()
+    told = asdict(mine) | {"out": out.name, "process": f"{os.getpid()} on {socket.gethostname()}"}
+    (work / MARKER).write_text(json.dumps(told) + "\n", encoding="utf-8")
+    return work, hold(work)
+
+
+def hold(work: Path) -> int:
+    """Lock a working folder; close the number to let it go.  Raises BadInput where another run holds it."""
+    import fcntl
+
+    lock = os.open(work / MARKER, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as fault:
+        if fault.errno in (errno.EWOULDBLOCK, errno.EACCES):  # else the file system knows no locks
+            os.close(lock)
+            raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
+    return lock
+
+
+@contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    """One run at a time makes or places folders here."""
+    import fcntl
+
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _empty(work: Path) -> None:
+    """Remove what an interrupted run left, but not the marker."""
+    for path in work.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != MARKER:
+            path.unlink()
+
+
+def place(work: Path, out: Path, overwrite: bool = False, drop: tuple[str, ...] = ()) -> Path:
+    """Give a whole folder its name, on disk before anything goes; returns where it lies.
+
+    An earlier result is replaced with `overwrite` alone; otherwise, where somebody made `out` meanwhile, the name is
+    the first free one.  Files `drop` are removed once the folder has its name: killed before, it can be gone on with.
+    """
+    settle(work)
+    with _turn(out.parent):
+        old = None
+        if os.path.lexists(out):
+            if overwrite:
+                old = _unused(out.with_name(out.name + ".replaced"))
+                out.rename(old)
+            else:
+                out = _unused(out)
+        try:
+            work.rename(out)
+        except BaseException:
+            if old is not None:
+                old.rename(out)
+            raise
+    for name in (*drop, MARKER):
+        (out / name).unlink(missing_ok=True)
+    sync(out.parent)
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)
+    return out
+
+
+def settle(folder: Path) -> None:
+    """Everything in a folder on disk, so that it outlasts a power cut."""
+    for path in (*folder.rglob("*"), folder):
+        if not path.is_symlink() and (path.is_file() or path.is_dir()):
+            sync(path)
+
+
+def sync(path: Path) -> None:
+    """One file or folder on disk; some file systems refuse it for folders."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    except OSError as fault:
+        if fault.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EROFS):
+            raise
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def whole(out: Path, command: str = "result") -> Iterator[Path]:
+    """A new folder to write into, `out` at the end; a failure but Incomplete and Interrupted leaves nothing.
+
+    Raises BadInput.
+    """
+    with claim(out, Owner(out.name, command)) as work:
+        try:
+            yield work
+        except (Incomplete, Interrupted):  # what matters is there
+            place(work, out)
+            raise
+        except BaseException:
+            shutil.rmtree(work, ignore_errors=True)
+            raise
+        check_place(out, place(work, out), None)
+
+
+def check_place(out: Path, lies: Path, result: object) -> None:
+    """Incomplete where a result had to take another name."""
+    if lies != out:
+        raise Incomplete(f"{out} was made by somebody else meanwhile; the result is whole in {lies}", result)
 
 
 def wanted(out: Path | str | None) -> AbstractContextManager[Path | None]:

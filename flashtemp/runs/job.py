@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.errors import BadInput, Interrupted
+from flashtemp.errors import BadInput, FlashtempError, Halted, Incomplete, Interrupted
 from flashtemp.model import case as cases
 from flashtemp.runs import inert, vtk
-from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, load, save
-from flashtemp.runs.folders import partial, stoppable
+from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
+from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.march import march
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.run import Run
 
-LOCK = ".lock"
-EVERY = 30.0  # s of wall time between checkpoints
-Draw = Callable[[Run, Path, bool, Callable[[str], None]], None]  # pictures of a run into a folder, animated or not
+EVERY = 30.0  # s of wall time between checkpoints; the first is left at once
+# pictures of a run into a folder, animated or not; returns {what is missing: why}
+Draw = Callable[[Run, Path, bool, Callable[[str], None]], dict[str, str]]
 
 
 def simulate(
@@ -31,28 +31,30 @@ def simulate(
     pvd: bool = False,
     watch: Callable[[Progress, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated, say: None,
+    draw: Draw = lambda run, folder, animated, say: {},
 ) -> Run:
     """March a case and, with `out`, leave a whole result folder there.
 
     `watch(progress, end)` is told about every step, `draw` makes the pictures.  Raises BadInput when `out` exists,
-    Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
+    Interrupted after Ctrl-C and Halted by a full disk with a checkpoint in a folder beside `out`, Incomplete where
+    pictures are missing, SolverFailure.
     """
-    scene, numerics = case.scene, case.settings
     if out is None:
-        return march(scene, numerics, case.title, None, _watcher(None, scene, watch))
+        return march(case.scene, case.settings, case.title, None, _watcher(None, case.scene, watch))
     out = Path(out)
     _may_write(out, overwrite)
-    work = partial(out)
-    with _hold(work):
-        if (work / CHECKPOINT).exists() and not overwrite:
-            hint = f"go on with 'flashtemp run --resume {out}' or --overwrite"
-            raise BadInput(f"--out: {work} holds an interrupted run; {hint}")
-        _clear(work)
+    mine = Owner(out.name, "run", CHECKPOINT, f"flashtemp run --resume {out}", overwrite)
+    with claim(out, mine, overwrite=overwrite) as work:
         try:
             (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
-            return _carry_out(case, scene, numerics, None, work, out, pvd, watch, say, draw)
-        except Interrupted:
+            state = Progress(frames=Frames(work / FRAMES))
+            return _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw)
+        except (Interrupted, Halted, Incomplete):
+            raise
+        except KeyboardInterrupt:
+            if (work / CHECKPOINT).is_file():
+                raise Interrupted(work, mine.resume) from None
+            shutil.rmtree(work, ignore_errors=True)
             raise
         except BaseException:
             shutil.rmtree(work, ignore_errors=True)
@@ -61,37 +63,19 @@ def simulate(
 
 def _may_write(out: Path, overwrite: bool) -> None:
     """BadInput unless `out` is free, or an earlier result that may be replaced."""
-    if out.exists():
-        if not overwrite:
-            raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
-        if not (out / "summary.json").is_file() or not (out / "run.nc").is_file():
-            raise BadInput(f"--out: {out} is no result of flashtemp and will not be overwritten; choose another folder")
-    try:
-        partial(out).mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
+    if not os.path.lexists(out):
+        return
+    if not overwrite:
+        raise BadInput(f"--out: {out} exists; choose another folder or add --overwrite")
+    if out.is_symlink():
+        raise BadInput(f"--out: {out} is a link and will not be overwritten; give the folder itself")
+    if not is_result(out):
+        raise BadInput(f"--out: {out} is no result of flashtemp and will not be overwritten; choose another folder")
 
 
-@contextmanager
-def _hold(work: Path):
-    """Keep other runs out of a folder that is being written."""
-    import fcntl
-
-    with (work / LOCK).open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as fault:
-            raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
-        yield
-
-
-def _clear(work: Path) -> None:
-    """Remove what an earlier run left half-written."""
-    for path in work.iterdir():
-        if path.is_dir():
-            shutil.rmtree(path)
-        elif path.name != LOCK:
-            path.unlink()
+def is_result(folder: Path) -> bool:
+    """Whether that is the folder of a finished run."""
+    return not folder.is_symlink() and all((folder / name).is_file() for name in ("summary.json", "run.nc"))
 
 
 def resume(
@@ -99,69 +83,136 @@ def resume(
     pvd: bool = False,
     watch: Callable[[Progress, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated, say: None,
+    draw: Draw = lambda run, folder, animated, say: {},
     trust: bool = False,
 ) -> Run:
     """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1.
 
     `trust` lets effect files of the case run whose ever they are.
     """
-    folder = Path(folder)
-    out = folder.with_name(folder.name.removesuffix(".partial"))
-    work = partial(out)
-    if not (work / CHECKPOINT).is_file():
-        what = "it is already whole" if (out / "run.nc").exists() else f"no {CHECKPOINT} in {work}"
-        raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
-    with _hold(work):
+    work, out = interrupted(Path(folder))
+    lock = hold(work)
+    try:
+        told = owner(work)
+        overwrite = told is not None and told.overwrite
+        if os.path.lexists(out):
+            _may_write(out, overwrite)
+        state = load(work)
         case = cases.load(work, trust=trust)
-        scene, state = case.scene, load(work)
-        return _carry_out(case, scene, case.settings, state, work, out, pvd, watch, say, draw)
+        return _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw)
+    finally:
+        os.close(lock)
 
 
-def _carry_out(case, scene, numerics, state, work, out, pvd, watch, say, draw) -> Run:
+def interrupted(folder: Path) -> tuple[Path, Path]:
+    """The working folder of an interrupted run and the result that it is to become, from the name of either."""
+    name, cut, _ = folder.name.rpartition(".partial")
+    if cut and (folder / CHECKPOINT).is_file():
+        return folder, folder.with_name(name)
+    known = folder.with_name(f"{folder.name}.partial")
+    left = left_behind(folder, "run") or ([known] if (known / CHECKPOINT).is_file() else [])
+    if len(left) == 1:
+        return left[0], folder
+    if left:
+        raise BadInput(f"--resume: {folder}: several runs wait: {', '.join(map(str, left))}; give one of them")
+    places = ", ".join(map(str, partials(folder))) or known
+    what = "it is already whole" if (folder / "run.nc").exists() else f"no {CHECKPOINT} in {places}"
+    raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
+
+
+def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
+    """March from `state` to the end, save, draw, and give the folder its name."""
+    scene, again = case.scene, f"flashtemp run --resume {out}"
     with stoppable() as stopped:
-        state = state or Progress(frames=Frames(work / FRAMES))
-        box: dict[str, Progress] = {}
         try:
-            run = march(scene, numerics, case.title, state, _watcher(work, scene, watch, stopped, box))
+            run = march(scene, case.settings, case.title, state, _watcher(work, scene, watch, stopped))
+            save(work, state)
+            run = _saved(run, case, work, pvd, say)
         except KeyboardInterrupt:
-            save(work, box["progress"])
-            raise Interrupted(work, f"flashtemp run --resume {out}") from None
-        text = (work / "case.toml").read_text(encoding="utf-8")
-        remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)] + inert.remarks(case)
-        about = {"versions": versions(numerics.binding)} | ({"remarks": remarks} if remarks else {})
-        if own := case.own_effects():
-            about["own_effects"] = own
-        run = replace(run, case_text=text, statistics=run.statistics | about)
-        for a in scene.acting:
-            a.effect.leave(scene, a.p, work)
-        run.save(work)
-        if case["output.vtk"]:
-            say("writing fields.vtkhdf")
-            vtk.write(run, work / "fields.vtkhdf")
-        if pvd:
-            vtk.write_pvd(run, work / "pvd")
-        if case["output.pictures"]:
-            draw(run, work, case["output.animation"], say)
-        for name in (CHECKPOINT, FRAMES):  # fields that the run still shows stay open until it is gone
-            (work / name).unlink(missing_ok=True)
-        old = out.with_name(out.name + ".old")
-        if out.exists():
-            out.rename(old)
-        (work / LOCK).unlink()
-        work.rename(out)
-        shutil.rmtree(old, ignore_errors=True)
+            if full := _kept(work, state):
+                raise Halted(full, work, again) from None
+            raise Interrupted(work, again) from None
+        except OSError as fault:
+            _kept(work, state)
+            if not (work / CHECKPOINT).is_file():
+                raise
+            raise Halted(fault, work, again) from fault
+        except FlashtempError:
+            raise
+        except Exception as fault:
+            if state.phase < len(scene.schedule.phases):
+                raise
+            raise Halted(fault, work, again) from fault  # the march is the result
+    missing = {}
+    if case["output.pictures"] and not stopped.is_set():
+        try:
+            missing = draw(run, work, case["output.animation"], say)
+        except KeyboardInterrupt:
+            stopped.set()
+    with stoppable():
+        lies = _finish(work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT, FRAMES))
+    if stopped.is_set():
+        raise Interrupted(lies, f"flashtemp draw {lies}", "the result without its pictures")
+    if missing:
+        raise Incomplete(f"{absent(lies, missing)}; draw again with: flashtemp draw {lies}", run)
+    check_place(out, lies, run)
     return run
 
 
-def _watcher(work, scene, watch, stopped=None, box=None):
+def absent(folder: Path, missing: dict[str, str]) -> str:
+    """What is missing in a folder and why, in one line: each reason once.
+
+    >>> absent(Path("out"), {"map.png": "no room", "field.png": "no room"})
+    'missing in out: map.png, field.png (no room)'
+    """
+    why = {reason: ", ".join(n for n, other in missing.items() if other == reason) for reason in missing.values()}
+    return f"missing in {folder}: " + "; ".join(f"{names} ({reason})" for reason, names in why.items())
+
+
+def _kept(work: Path, state: Progress) -> OSError | None:
+    """Leave a checkpoint, where there is room for one and something to keep; what stood in the way."""
+    try:
+        if state.y is not None:
+            save(work, state)
+    except OSError as fault:  # the last one stays
+        return fault
+    return None
+
+
+def _finish(work: Path, out: Path, overwrite: bool, drop: tuple[str, ...]) -> Path:
+    """Give the folder its name; without a checkpoint once it has it."""
+    try:
+        return place(work, out, overwrite and is_result(out), (*drop, RESERVE))
+    except OSError as fault:
+        raise Halted(fault, work, f"flashtemp run --resume {out}") from fault
+
+
+def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) -> Run:
+    """The run with all that is told about it, written into its folder but for the pictures."""
+    scene = case.scene
+    text = (work / "case.toml").read_text(encoding="utf-8")
+    remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)] + inert.remarks(case)
+    about = {"versions": versions(case.settings.binding)} | ({"remarks": remarks} if remarks else {})
+    if own := case.own_effects():
+        about["own_effects"] = own
+    run = replace(run, case_text=text, statistics=run.statistics | about)
+    for a in scene.acting:
+        a.effect.leave(scene, a.p, work)
+    run.save(work)
+    if case["output.vtk"]:
+        say("writing fields.vtkhdf")
+        vtk.write(run, work / "fields.vtkhdf")
+    if pvd:
+        vtk.write_pvd(run, work / "pvd")
+    return run
+
+
+def _watcher(work, scene, watch, stopped=None):
     """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
-    end, last = scene.schedule.end, time.monotonic()
+    end, last = scene.schedule.end, float("-inf")
 
     def hook(progress: Progress) -> bool:
         nonlocal last
-        if box is not None:
-            box["progress"] = progress
         if watch is not None:
             watch(progress, end)
         if work is not None and time.monotonic() - last > EVERY:

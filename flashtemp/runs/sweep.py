@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import itertools
 import json
-import os
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput, FlashtempError, Interrupted
+from flashtemp.errors import BadInput, FlashtempError, Halted, Incomplete, Interrupted
 from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
-from flashtemp.runs.folders import partial, stoppable
+from flashtemp.runs.folders import Owner, check_place, claim, place, stoppable
 from flashtemp.runs.workers import stream
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import Sheet, Shown, whole_file
 from flashtemp.solver.march import march
 
 PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are kept
@@ -206,7 +205,8 @@ def carry_out(
     Every point is kept in its own file as soon as it is there; Ctrl-C is seen then.  Raises OSError, SolverFailure.
     """
     files = [] if work is None else [work / POINTS / f"{_name(p)}.npz" for p in sweep.points]
-    found: dict[int, Any] = {i: dict(np.load(file)) for i, file in enumerate(files) if file.exists()}
+    kept = {i: _held(file) for i, file in enumerate(files)}
+    found: dict[int, Any] = {i: point for i, point in kept.items() if point is not None}
     todo, count = [i for i in range(len(sweep.points)) if i not in found], len(sweep.points)
     failed: dict[int, str] = {}
     watch(count - len(todo), count)
@@ -226,24 +226,25 @@ def carry_out(
 
 @contextmanager
 def folder(out: Path, sweep: Sweep) -> Iterator[Path]:
-    """The folder to work in, `out`.partial, renamed at the end; what is there of the same sweep is gone on with.
+    """The folder to work in, renamed to `out` at the end; what is there of the same sweep is gone on with.
 
-    Raises BadInput where `out` exists or its partial folder holds another sweep or another run.
+    Raises BadInput where `out` exists, is being written, or an interrupted run of something else waits for it.
     """
-    if out.exists():
-        raise BadInput(f"--out: {out} exists; choose another folder")
-    work = partial(out)
     told = json.dumps({"case": sweep.case.toml(), "axes": {k: list(v) for k, v in sweep.axes.items()}}, indent=2) + "\n"
-    held = work / PLAN
-    if work.exists() and (not held.is_file() or held.read_text() != told):
-        raise BadInput(f"--out: {work} holds something else than this sweep; choose another folder or remove it")
-    try:
-        (work / POINTS).mkdir(parents=True, exist_ok=True)
-        held.write_text(told)
-    except OSError as fault:
-        raise BadInput(f"--out: {out}: {fault.strerror}; choose a folder that can be written") from fault
-    yield work
-    work.rename(out)
+    mine = Owner(out.name, "sweep", PLAN, "the same command")
+    with claim(out, mine, go_on=lambda path: (path / PLAN).read_text(encoding="utf-8") == told) as work:
+        (work / POINTS).mkdir(exist_ok=True)
+        with whole_file(work / PLAN) as fresh:
+            fresh.write_text(told, encoding="utf-8")
+        try:
+            yield work
+        except (Incomplete, Interrupted) as fault:
+            if isinstance(fault, Incomplete) or fault.path != work:  # only the picture
+                place(work, out)
+            raise
+        except OSError as fault:
+            raise Halted(fault, work, "the same command") from fault
+        check_place(out, place(work, out), None)
 
 
 def _name(case: cases.Case) -> str:
@@ -256,11 +257,21 @@ def _name(case: cases.Case) -> str:
 
 def _keep(file: Path, answer: dict[str, Any]) -> None:
     """Write a point whole or not at all."""
-    image = io.BytesIO()
-    np.savez_compressed(image, **answer)
-    fresh = file.with_suffix(".new")
-    fresh.write_bytes(image.getvalue())
-    os.replace(fresh, file)
+    with whole_file(file) as fresh:
+        np.savez_compressed(fresh, **answer)
+
+
+def _held(file: Path) -> dict[str, np.ndarray] | None:
+    """A point that is kept already; None where it is not there, or damaged."""
+    try:
+        with zipfile.ZipFile(file) as whole:
+            if whole.testzip() is not None:
+                return None
+        with np.load(file) as held:
+            found = dict(held)
+    except Exception:  # whatever damage makes of it, it is marched again
+        return None
+    return found if {*PROFILES, *NUMBERS, "friction"} <= {*found} else None
 
 
 def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):

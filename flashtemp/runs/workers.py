@@ -83,9 +83,6 @@ def stream(
                 killed += 1
                 if killed > PATIENCE:
                     raise SolverFailure(KILLED) from fault
-            except (GeneratorExit, KeyboardInterrupt):
-                pool.shutdown(cancel_futures=True)  # what runs is finished, nothing else begun
-                raise
 
 
 def _hands(workers: int | None) -> int:
@@ -95,12 +92,54 @@ def _hands(workers: int | None) -> int:
     return workers or os.cpu_count() or 1
 
 
+@contextmanager
 def _pool(count: int):
-    """Fresh processes that do not answer Ctrl-C."""
+    """Fresh processes that do not answer Ctrl-C and end with this one, however it ends, or when this block fails."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_quiet)
+    context = get_context("spawn")
+    held, leash = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(held,))
+    try:
+        with _deaf():
+            pool.submit(int)  # they begin here
+        yield pool
+    except BaseException:
+        leash.close()
+        pool.shutdown(cancel_futures=True)
+        raise
+    finally:
+        pool.shutdown()
+        leash.close()
+        held.close()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes that begin here never see Ctrl-C, not even while they load; this one sees it afterwards."""
+    import signal
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(held) -> None:
+    """In a new process: one thread of arithmetic, and one that waits for the parent's end."""
+    import threading
+
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    threading.Thread(target=_follow, args=(held,), daemon=True).start()
+
+
+def _follow(held) -> None:
+    """End with the parent, who holds the other end and never sends anything."""
+    held.poll(None)
+    os._exit(1)
 
 
 def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[tuple[int, Any]]:
@@ -110,15 +149,6 @@ def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[t
         asked = {client.submit(attempt, function, t, pure=False): k for k, t in enumerate(tasks)}
         for future in as_completed(list(asked)):
             yield asked[future], future.result()
-
-
-def _quiet() -> None:
-    """One thread per process, and Ctrl-C is the parent's to answer."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 @contextmanager

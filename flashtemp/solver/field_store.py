@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +13,8 @@ import numpy as np
 class Frames:
     """Rows of equal arrays {name: array}, appended one by one.
 
-    With a `path` rows go to that file, one after the other, and are read back where they are asked for; `count`
-    of those that a file holds already are kept (a run that goes on from a checkpoint).
+    With a `path` rows go to that file, one after the other, and are read back where they are asked for; those with
+    the `sums` (checksums) and the `dtype` told are there already (a run that goes on from a checkpoint).
 
     >>> frames = Frames()
     >>> frames.append({"T": np.zeros(3)}), frames.append({"T": np.ones(3)})
@@ -20,13 +23,12 @@ class Frames:
     (2, (2, 3))
     """
 
-    def __init__(self, path: Path | None = None, count: int = 0):
-        self.path, self.count = path, count
-        self.dtype: np.dtype | None = None
+    def __init__(self, path: Path | None = None, dtype: np.dtype | None = None, sums: Sequence[bytes] = ()):
+        self.path, self.dtype, self.sums = path, dtype, list(sums)
         self._rows: list[dict[str, np.ndarray]] = []
 
     def __len__(self) -> int:
-        return self.count
+        return len(self._rows) if self.path is None else len(self.sums)
 
     def append(self, row: dict[str, np.ndarray]) -> None:
         """Keep one more row.  Raises OSError where the disk is full; the rows before it stay whole."""
@@ -34,13 +36,34 @@ class Frames:
             self.dtype = np.dtype([(name, a.dtype, a.shape) for name, a in row.items()])
         if self.path is None:
             self._rows.append(row)
-        else:
-            with self.path.open("r+b" if self.path.exists() else "w+b") as file:
-                file.seek(self.count * self.dtype.itemsize)
-                for array in row.values():
-                    file.write(np.ascontiguousarray(array).data)
-                file.truncate()
-        self.count += 1
+            return
+        seen = hashlib.blake2b(digest_size=16)
+        with self.path.open("r+b" if self.path.exists() else "w+b") as file:
+            file.seek(len(self) * self.dtype.itemsize)
+            for array in row.values():
+                data = np.ascontiguousarray(array).data
+                file.write(data)
+                seen.update(data)
+            file.truncate()
+        self.sums.append(seen.digest())
+
+    def settle(self) -> None:
+        """The rows of a file on disk, so that they outlast a power cut."""
+        if self.path is not None and self.path.exists():
+            with self.path.open("rb") as file:
+                os.fsync(file.fileno())
+
+    def damaged(self) -> str:
+        """What is wrong with the file, in words; nothing where all rows are as they were written."""
+        if self.path is None or self.dtype is None or not self.sums:
+            return ""
+        if not self.path.is_file():
+            return f"{self.path} is gone"
+        with self.path.open("rb") as file:
+            for k, known in enumerate(self.sums):
+                if hashlib.blake2b(file.read(self.dtype.itemsize), digest_size=16).digest() != known:
+                    return f"{self.path} is damaged in row {k + 1} of {len(self.sums)}"
+        return ""
 
     def row(self, k: int) -> dict[str, np.ndarray]:
         """One row."""
@@ -52,5 +75,5 @@ class Frames:
             return {}
         if self.path is None:
             return {name: np.array([row[name] for row in self._rows]) for name in self.dtype.names or ()}
-        table = np.memmap(self.path, self.dtype, "r", shape=(self.count,))
+        table = np.memmap(self.path, self.dtype, "r", shape=(len(self),))
         return {name: table[name] for name in self.dtype.names or ()}

@@ -90,7 +90,8 @@ def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Calla
     due = record_times(phase, system.b.scene.schedule, settings)
     t, y, before = phase.begin, now.y, now.steps
     if resumed:
-        t, due = now.t, [one for one in due if one[0] > now.t]
+        last = now.records["time"][-1] if now.records else -np.inf  # a fault may have come between two of a step
+        t, due = now.t, [one for one in due if one[0] > last]
     tiny = 1e-9 * (phase.end - phase.begin)
     try:
         if due and due[0][0] <= t + tiny:

@@ -18,7 +18,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import library, touching
 from flashtemp.physics.friction.spot_patterns import ContactMap
-from flashtemp.showing import Shown
+from flashtemp.showing import Shown, whole_file
 
 STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
 
@@ -41,7 +41,7 @@ class Spots(Shown):
     def save(self, file: Path) -> None:
         """Write the .npz that `patterns.read_map` reads."""
         about = {k: getattr(self, k) for k in ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")}
-        with Path(file).open("wb") as out:
+        with whole_file(Path(file)) as fresh, fresh.open("wb") as out:
             np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)
 
     def as_dict(self) -> dict[str, Any]:

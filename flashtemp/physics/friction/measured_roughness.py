@@ -22,6 +22,7 @@ from flashtemp.physics.friction.elastic_contact import library
 from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
 from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
 from flashtemp.physics.interpolation import Source
+from flashtemp.showing import whole_file
 
 PER_DECADE = 20  # bins of q of an area
 PER_DECADE_LINE = 10  # of a line, whose spectrum is differentiated
@@ -224,7 +225,8 @@ class Summary:
 def save(points: Points, file: Path) -> None:
     """Write the CSV that `read_spectrum` reads."""
     rows = (f"{q:.9e},{C:.9e}\n" for q, C in zip(points.q, points.C, strict=True))
-    file.write_text("q_1/m,C_m4\n" + "".join(rows), encoding="utf-8")
+    with whole_file(file) as fresh:
+        fresh.write_text("q_1/m,C_m4\n" + "".join(rows), encoding="utf-8")
 
 
 def fit(points: Points, longest: float = np.inf, shortest: float = 0.0) -> SelfAffine:

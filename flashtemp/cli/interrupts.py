@@ -1,0 +1,70 @@
+"""Ctrl-C and SIGTERM at any moment: the work ends cleanly, with one line.
+
+While modules are being loaded an exception from a signal handler ends in their hands, not in ours: it turns into
+another one, is printed and dropped, or leaves half a module.  There the signal waits until they are loaded.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+SOON = 0.02  # s until a signal that has to wait is looked at again
+
+
+class Interrupts:
+    """Whether a signal has asked for the end: what fails afterwards fails for that reason."""
+
+    def __init__(self) -> None:
+        self.seen, self.waiting = False, signal.SIGINT
+
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, or wait while a module is being loaded."""
+        self.seen, self.waiting = True, signal.Signals(number)
+        if _loading(frame):
+            signal.setitimer(signal.ITIMER_REAL, SOON)
+        else:
+            raise KeyboardInterrupt
+
+    def again(self, number: int, frame: FrameType | None) -> None:
+        """A signal that had to wait, for whoever answers Ctrl-C by now."""
+        signal.raise_signal(self.waiting)
+
+    def dropped(self, what: Any) -> None:
+        """An exception that Python could not raise; Ctrl-C among them comes again."""
+        if what.exc_type is KeyboardInterrupt:
+            signal.setitimer(signal.ITIMER_REAL, SOON)
+        else:
+            sys.__unraisablehook__(what)
+
+
+def _loading(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+@contextmanager
+def interruptible() -> Iterator[Interrupts]:
+    """SIGINT and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards."""
+    state = Interrupts()
+    if threading.current_thread() is not threading.main_thread():
+        yield state
+        return
+    mine = {signal.SIGINT: state.handle, signal.SIGTERM: state.handle, signal.SIGALRM: state.again}
+    old = {s: signal.signal(s, h) for s, h in mine.items() if signal.getsignal(s) is not signal.SIG_IGN}
+    hook, sys.unraisablehook = sys.unraisablehook, state.dropped
+    try:
+        yield state
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        sys.unraisablehook = hook
+        for s, handler in old.items():
+            signal.signal(s, handler)

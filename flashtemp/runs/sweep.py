@@ -232,7 +232,7 @@ def folder(out: Path, sweep: Sweep) -> Iterator[Path]:
     """
     told = json.dumps({"case": sweep.case.toml(), "axes": {k: list(v) for k, v in sweep.axes.items()}}, indent=2) + "\n"
     mine = Owner(out.name, "sweep", PLAN, "the same command")
-    with claim(out, mine, go_on=lambda path: (path / PLAN).read_text(encoding="utf-8") == told) as work:
+    with claim(out, mine, go_on=lambda path: _told(path) == told) as work:
         (work / POINTS).mkdir(exist_ok=True)
         with whole_file(work / PLAN) as fresh:
             fresh.write_text(told, encoding="utf-8")
@@ -245,6 +245,11 @@ def folder(out: Path, sweep: Sweep) -> Iterator[Path]:
         except OSError as fault:
             raise Halted(fault, work, "the same command") from fault
         check_place(out, place(work, out), None)
+
+
+def _told(work: Path) -> str:
+    """The plan that a folder holds; none where it is no sweep's."""
+    return (work / PLAN).read_text(encoding="utf-8", errors="replace") if (work / PLAN).is_file() else ""
 
 
 def _name(case: cases.Case) -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from flashtemp import __main__ as commands
 from flashtemp.__main__ import main
+from flashtemp.cli import commands
 
 CASES = Path(__file__).parents[2] / "cases"
 LONG = "x" * 300

@@ -26,6 +26,7 @@ def build(
     across: int = 1,
     first_y: float | None = None,
     refine_y: float = 1,
+    both: bool = False,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
@@ -34,7 +35,7 @@ def build(
     shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
     more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
     direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`, all
-    refined by `refine_y`; one stays one.
+    refined by `refine_y`; one stays one.  `both`: every edge may lead, so that the mesh is its own mirror image.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -42,11 +43,16 @@ def build(
       road  10 x 6, first cell 3 um
     """
     along, up, down = cells
+    if both:
+        last_x = first_x = min(first_x, last_x)
+        upstream = downstream = max(upstream, downstream)
     finer_x, finer_up, finer_down = np.broadcast_to(refine, 3).tolist()
     x = two_sided(length, first_x, last_x, along, finer_x)
+    if both:
+        x = 0.5 * (x + (length - x[::-1]))
     first = 0
     if upstream > 0:
-        n = _cells_for(upstream, 4 * first_x, 1.9)
+        n = _cells_for(downstream, last_x, behind) if both else _cells_for(upstream, 4 * first_x, 1.9)
         before = -geometric(upstream, first_x, n, finer_x)[::-1]
         first = len(before) - 1
         x = np.concatenate([before[:-1], x])

@@ -8,7 +8,7 @@ direction of sliding all planes (x, z) are alike: cell c of plane j has the numb
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -141,6 +141,22 @@ class Mesh:
     def dx_block(self) -> np.ndarray:
         """Lengths of the lines under the block, m."""
         return np.diff(self.x)[self.first : self.last]
+
+    # --- the other way round ---------------------------------------------------------------------
+    def mirrored(self) -> Mesh:
+        """The same cells with x counted from the block's other edge: `mirror` says which is which."""
+        n, ends = self.n_lines, self.x[self.first] + self.x[self.last]
+        return replace(self, x=ends - self.x[::-1], first=n - self.last, last=n - self.first)
+
+    @cached_property
+    def mirror(self) -> np.ndarray:
+        """Numbers (n_plane,) here of the cells of the mirrored mesh, in its order."""
+        sizes = np.diff(self.start)[::-1]
+        return (
+            np.repeat(self.start[:-1][::-1], sizes)
+            + np.arange(self.n_plane)
+            - np.repeat(np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
+        )
 
     # --- all planes ---------------------------------------------------------------------------
     def everywhere(self, cells: np.ndarray) -> np.ndarray:

@@ -37,11 +37,12 @@ def draw(run, road: bool | None = None) -> Figure:
     ambient = f"ambient, {theme.number(run.ambient_degC)} {theme.DEGREE}"
     ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label=ambient)
     ax.set(xlim=(0.0, 1e3 * _length(run)), ylim=theme.span(*shown, least=1.0))
-    ax.set(xlabel="distance from the leading edge, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
+    edge = "leading edge" if run.direction is None else "edge that leads forward"
+    ax.set(xlabel=f"distance from the {edge}, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
     fig.legend(loc="outside lower left", ncols=2)
     when = f"t = {theme.number(run.time[k])} s, slid {theme.number(run.slid[k])} m"
     ax.set_title(f"end of repetition {run.repetition[k]}: {when}", pad=20)
-    _mark_edges(ax)
+    _mark_edges(ax, run.leads(k) != 0)
     return fig
 
 
@@ -61,12 +62,15 @@ def _earlier_label(run, earlier: np.ndarray) -> str:
     return f"end{'s' if len(numbers) > 1 else ''} of repetition {', '.join(numbers)}"
 
 
-def _mark_edges(ax) -> None:
+def _mark_edges(ax, back: bool) -> None:
     """Name the edges above the frame and point an arrow along the sliding of the block."""
-    ax.text(0.0, 1.02, "leading edge", transform=ax.transAxes, ha="left", va="bottom")
-    ax.text(1.0, 1.02, "trailing edge", transform=ax.transAxes, ha="right", va="bottom")
+    names, arrow = ("leading edge", "trailing edge"), {"xy": (0.33, 1.045), "xytext": (0.455, 1.045)}
+    if back:
+        names, arrow = names[::-1], {"xy": (0.455, 1.045), "xytext": (0.33, 1.045)}
+    ax.text(0.0, 1.02, names[0], transform=ax.transAxes, ha="left", va="bottom")
+    ax.text(1.0, 1.02, names[1], transform=ax.transAxes, ha="right", va="bottom")
     ax.text(0.47, 1.02, "the block slides this way", transform=ax.transAxes, ha="left", va="bottom")
     ax.annotate(
-        "", xy=(0.33, 1.045), xytext=(0.455, 1.045), xycoords="axes fraction",
+        "", **arrow, xycoords="axes fraction",
         arrowprops={"arrowstyle": "-|>", "lw": 0.8, "color": "black", "shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip

@@ -57,7 +57,8 @@ def _lines(ax, run, when: Clock) -> None:
     many = len(when.start) > FEW
     columns = (0, int(np.argmin(abs(run.x - 0.5 * (run.x[0] + run.x[-1])))), len(run.x) - 1)
     time, records = run.time, run.T_block
-    for (name, colour), i in zip(theme.PLACES.items(), columns, strict=True):
+    names = theme.PLACES if run.direction is None else ("x = 0", "middle", "x = L")
+    for name, colour, i in zip(names, theme.PLACES.values(), columns, strict=True):
         ax.plot(when.of(time), records[:, i], color=colour, lw=0.5 if many else 1.1, label=name)
     ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label="ambient")
     ax.set_ylim(*theme.span(run.T_block[:, columns], run.ambient_degC, least=1.0))

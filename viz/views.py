@@ -70,7 +70,7 @@ def paint(ax, run, frame: int, norm, cmap=None) -> list:
     images = [ax.imshow(view(run, frame), extent=e, aspect="auto", **style) for view, e in extents.items()]
     ax.vlines(length, *strip, color="white", lw=1.0)
     if length < NAMED * far:
-        ax.text(far, 0.0, "wake", ha="right", fontsize=7.5)
+        ax.text(far, 0.0, "wake" if run.direction is None else "road", ha="right", fontsize=7.5)
     ax.set(xlim=(0.0, far), ylim=(strip[0], height))
     ax.set_yticks([np.mean(strip), 0.0, height], ["contact", "0", theme.number(height)])
     ax.yaxis.get_major_ticks()[1].label1.set_verticalalignment("bottom")  # clear of the word below

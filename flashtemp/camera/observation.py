@@ -199,12 +199,12 @@ def _body(run, scene, recording, times):
         T = _smooth_ends(between(run.T_block, run.time, times)[:, None], x, 2)
         return *finer(T, x, 2), np.zeros(1)
     if recording.view == "wake":
-        behind = np.concatenate([[edges[1]], run.x_wake, mesh.x[-1:]])
+        behind, road = _free_road(run, edges[1], recording)
         half = 0.5 * scene.width
         if scene.resolved:
-            T = _ends(_ends(between(run.maps["T_wake"].astype(float), run.time[run.frames], times), 1), 2)
+            T = _ends(_ends(between(road(run.maps, run.frames), run.time[run.frames], times), 1), 2)
             return np.swapaxes(T, 1, 2), behind, np.concatenate([[-half], mesh.y_centre, [half]])
-        T = _ends(between(run.T_wake, run.time, times), 1)[:, None]
+        T = _ends(between(road(vars(run), slice(None)), run.time, times), 1)[:, None]
         return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
     height = mesh.height
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
@@ -224,6 +224,29 @@ def _body(run, scene, recording, times):
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)
     return wall, x, z
+
+
+def _free_road(run, length: float, recording: Recording):
+    """Nodes (m) of the road that a wake's camera sees, and the function that takes its temperatures from fields.
+
+    It is behind the block, x > L, or where it slides back and the pixels lie there, x < 0; while the block slides the
+    other way, the camera sees the road that comes.  The function is asked with the records that the fields belong to.
+    """
+    x = run.mesh.x
+    if run.direction is None:
+        return np.concatenate([[length], run.x_wake, x[-1:]]), lambda fields, kept: np.asarray(fields["T_wake"], float)
+    right = float(np.median(recording.u)) > 0.5 * length
+    names = ("T_wake", "T_ahead") if right else ("T_ahead", "T_wake")  # sliding forward, and back
+
+    def road(fields, kept):
+        forward, back = (np.asarray(fields[name], float) for name in names)
+        way = run.direction[kept].reshape(-1, *[1] * (forward.ndim - 1))
+        if np.all(way < 0):
+            return back[:, ::-1]
+        return np.where(way > 0, forward, back[:, ::-1])
+
+    lines = run.mesh.x_centre[run.mesh.last :] if right else run.mesh.x_centre[: run.mesh.first]
+    return np.concatenate([[length], lines, x[-1:]] if right else [x[:1], lines, [0.0]]), road
 
 
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from flashtemp.meshes import block_on_road
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Acting, Outline, Scene
-from flashtemp.model.schedule import Schedule, Series, constant
+from flashtemp.model.schedule import Course, Schedule, Series
 from flashtemp.model.schema import TABLES, refinement
 from flashtemp.physics import contributions
 from flashtemp.physics.effect import Deposit, Effect, Term
@@ -38,8 +38,11 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
     materials = {side: _material(values, f"{side}.material") for side in ("block", "road")}
     acting = _acting(values, effects, folder)
-    speed, pressure = (_series(values, key, folder) for key in ("schedule.speed", "contact.pressure"))
-    plan = Schedule(speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted)
+    course, pressure = _course(values, folder), _series(values, "contact.pressure", folder)
+    plan = Schedule(
+        course.speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
+        heading=course.heading, turns=course.turns, turn=v.schedule.turn,
+    )  # fmt: skip
     outline = Outline(
         **materials,
         schedule=plan,
@@ -148,16 +151,31 @@ def _material(values: Values, key: str) -> Material:
 
 def _series(values: Values, key: str, folder: Path) -> Series:
     """A number, or a file of time against value, as a function of time."""
-    table, last = key.split(".")
-    value = values[table][last]
-    if isinstance(value, (int, float)):
-        return constant(value)
-    x, y = pairs(value, folder, key, 0.0, TABLES[table][last].high)
-    if x[0] < 0:
-        raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
+    x, y = _rows(values, key, folder, 0.0)
     if max(y) <= 0:
         raise BadInput(f"{key}: is zero throughout; give values > 0")
     return Series(x, y)
+
+
+def _course(values: Values, folder: Path) -> Course:
+    """The sliding speed, which may be negative, as a function of time."""
+    key = "schedule.speed"
+    x, y = _rows(values, key, folder, -TABLES["schedule"]["speed"].high)
+    if not any(y):
+        raise BadInput(f"{key}: is zero throughout; give values > 0, or < 0 for sliding back")
+    return Course.of(x, y)
+
+
+def _rows(values: Values, key: str, folder: Path, low: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A number as one row, or the rows of a file of time against value."""
+    table, last = key.split(".")
+    value = values[table][last]
+    if isinstance(value, (int, float)):
+        return (0.0,), (float(value),)
+    x, y = pairs(value, folder, key, low, TABLES[table][last].high)
+    if x[0] < 0:
+        raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
+    return x, y
 
 
 def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
@@ -166,7 +184,7 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
     if not math.isfinite(schedule.slide_time):
         raise BadInput(
             f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; "
-            "give a speed that stays > 0"
+            "give a speed that lasts"
         )
     return schedule
 
@@ -197,6 +215,7 @@ def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers
         across=v.numerics.across,
         first_y=v.numerics.first_y,
         refine_y=level,
+        both=len(schedule.directions) > 1,
     )
 
 
@@ -264,7 +283,7 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, fir
     depth = v.road.depth
     if depth is None:
         v0 = min(s for s in schedule.speed.value if s > 0)
-        rest = schedule.end if remembers or not schedule.lifted else schedule.wait
+        rest = schedule.end if remembers or schedule.returns or not schedule.lifted else schedule.wait
         depth = 6 * math.sqrt(road.diffusivity * ((v.block.length + v.road.downstream) / v0 + rest))
         depth = np.clip(depth, 1e-3, 0.2)
     if first > depth / 4:

@@ -79,7 +79,7 @@ def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.
 
     def along(y: Value) -> Array:
         def law(x: Value) -> Value:
-            at = now._replace(x=x[:, None], y=y)
+            at = now.at(mesh, x[:, None], y)
             return laws(target, base, None, at) + 0.0 * (at.x + y)
 
         return gauss_mean(law, edges)

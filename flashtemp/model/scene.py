@@ -25,14 +25,14 @@ class Moment(NamedTuple):
     t: float  # s from the first start of sliding
     speed: float  # m/s
     pressure: float  # nominal contact pressure, mean over the block, Pa
-    slid: float  # m since this repetition started
+    slid: float  # m since this repetition started, whichever way
     contact_time: float  # s since this repetition started
     waited: float  # s since sliding stopped, 0 while sliding
     last_speed: float  # m/s before the stop, the speed itself while sliding
     touching: bool  # False while the block is lifted
     ambient: float  # air and initial temperature, K
     repetition: int = 1
-    x: Any = None  # m from the leading edge
+    x: Any = None  # m from the edge that leads while the block slides forward
     y: Any = 0.0  # m from the centre line
     local_pressure: Any = None  # Pa at x
     spot_fraction: Any = None  # macroasperity contact fraction at x
@@ -41,6 +41,18 @@ class Moment(NamedTuple):
     face: Any = None  # temperature of the block's face averaged over the passage of spots, K; for laws of the contact
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
+    lead: Any = None  # m from the edge that leads now: x, or while the block slides back, length - x
+    direction: int = 1  # -1 while the block slides back
+    leg: float = 0.0  # m since this repetition started or last turned round
+
+    def at(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> Moment:
+        """The moment as laws see it `lead` (m) behind the leading edge, with what else they see there."""
+        x = lead if self.direction > 0 else mesh.x[mesh.last] - lead
+        return self._replace(x=x, lead=lead, y=y, **seen)
+
+    def under(self, mesh: Mesh, **seen: Any) -> Moment:
+        """The moment as laws see it at all columns under the block."""
+        return self.at(mesh, mesh.column_x, mesh.column_y, **seen)
 
 
 @dataclass(frozen=True)
@@ -135,13 +147,16 @@ class Scene:
         since = t - phase.start
         if phase.sliding:
             v = s.speed(since)
+            slid = s.slid(phase, t)
             return Moment(
-                t, v, s.pressure(since), s.slid(phase, t), since, 0.0, v, True, self.ambient, phase.repetition
-            )
+                t, v, s.pressure(since), slid, since, 0.0, v, True, self.ambient, phase.repetition,
+                direction=phase.direction, leg=slid - phase.leg_before,
+            )  # fmt: skip
         waited = t - phase.begin
         return Moment(
             t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(),
             not s.lifted, self.ambient, phase.repetition,
+            direction=phase.direction, leg=s.distance - phase.leg_before,
         )  # fmt: skip
 
     def __str__(self) -> str:

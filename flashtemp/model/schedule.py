@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -81,6 +82,36 @@ def constant(value: float) -> Series:
 
 
 @dataclass(frozen=True)
+class Course:
+    """Sliding speed without its sign, which way the block slides at first (1, or -1: back), and when that turns (s).
+
+    >>> Course.of((0.0, 2.0, 4.0), (0.1, 0.1, -0.1))
+    Course(speed=Series(time=(0.0, 2.0, 3.0, 4.0), value=(0.1, 0.1, 0.0, 0.1)), heading=1, turns=(3.0,))
+    """
+
+    speed: Series
+    heading: int = 1
+    turns: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, time: Sequence[float], value: Sequence[float]) -> Course:
+        """The course of signed speeds (m/s) at times (s), not all of them zero."""
+        rows: list[tuple[float, float]] = []
+        turns, sign = [], 0.0
+        for t, v in zip(time, value, strict=True):
+            if v * sign < 0:
+                a, u = rows[-1]
+                at = a if u == 0 else a + (t - a) * u / (u + abs(v))
+                turns.append(at)
+                if at > a:
+                    rows.append((at, 0.0))
+            sign = sign if v == 0 else v
+            rows.append((t, abs(v)))
+        first = next(v for v in value if v)
+        return cls(Series(*zip(*rows, strict=True)), 1 if first > 0 else -1, tuple(turns))
+
+
+@dataclass(frozen=True)
 class Phase:
     """One stretch between events: `sliding` or waiting, from `begin` to `end` (s)."""
 
@@ -90,6 +121,9 @@ class Phase:
     end: float
     start: float  # when this repetition began to slide, s
     slid_before: float  # distance slid in all repetitions before this one, m
+    direction: int = 1  # -1: back, the edge at x = L leads
+    leg_before: float = 0.0  # distance slid in this repetition before it last turned, m
+    turned: float = -np.inf  # when sliding last turned since the block was put on the road, s
 
 
 @dataclass(frozen=True)
@@ -97,7 +131,9 @@ class Schedule:
     """Repetitions of sliding over `distance` (m) with `wait` (s) between them.
 
     `speed` (m/s) and `pressure` (nominal contact pressure, Pa) count time from the start of each
-    repetition; `lifted`: the block leaves the road while waiting.
+    repetition; `lifted`: the block leaves the road while waiting.  `speed` has no sign: `heading` says which way a
+    repetition begins (-1: back), `turns` (s since its start) when sliding turns round; `turn` > 0: it also turns after
+    every so many repetitions.
 
     >>> s = Schedule(constant(0.1), constant(1.5e5), distance=3.5, repetitions=2, wait=10.0)
     >>> [(p.repetition, p.sliding, p.begin, p.end) for p in s.phases]
@@ -111,6 +147,9 @@ class Schedule:
     wait: float = 0.0
     lifted: bool = True
     lap: float | None = None  # track length, m: each lap completed is an event
+    heading: int = 1
+    turns: tuple[float, ...] = ()
+    turn: int = 0
 
     @cached_property
     def slide_time(self) -> float:
@@ -118,27 +157,61 @@ class Schedule:
         return float(self.speed.reach(self.distance))
 
     @cached_property
+    def _turns(self) -> tuple[float, ...]:
+        """Times (s) within a repetition at which sliding turns round."""
+        tiny = 1e-9 * self.slide_time
+        return tuple(t for t in self.turns if tiny < t < self.slide_time - tiny)
+
+    def _heading(self, repetition: int) -> int:
+        """Which way a repetition (1-based) begins to slide."""
+        legs = (repetition - 1) // self.turn if self.turn else 0
+        return -self.heading if legs % 2 else self.heading
+
+    @property
+    def directions(self) -> frozenset[int]:
+        """Ways in which the block slides: 1, -1 or both."""
+        headings = {self._heading(r + 1) for r in range(min(self.repetitions, 2 * self.turn or 1))}
+        return frozenset(headings | {-h for h in headings} if self._turns else headings)
+
+    @property
+    def returns(self) -> bool:
+        """Whether the block slides back over its own road without leaving it: that road is still hot."""
+        return bool(self._turns) or (not self.lifted and len(self.directions) > 1)
+
+    def _cuts(self, before: float) -> list[float]:
+        """Times (s) of events within a repetition, `before` which that distance (m) was slid."""
+        events: set[float] = set()
+        for series in (self.speed, self.pressure):
+            if 1 < len(series.time) <= 40:
+                events |= {k for k in series.time if 0 < k < self.slide_time}
+        if self.lap:
+            laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
+            events |= {self.speed.reach(n * self.lap - before) for n in laps}
+        tiny = 1e-9 * self.slide_time
+        inner = sorted(c for c in events if tiny < c < self.slide_time - tiny)
+        if self._turns:
+            inner = sorted([*self._turns, *(c for c in inner if min(abs(c - t) for t in self._turns) > tiny)])
+        return [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
+
+    @cached_property
     def phases(self) -> tuple[Phase, ...]:
         """All stretches between events in order of time."""
-        out, t = [], 0.0
+        out: list[Phase] = []
+        t, turned = 0.0, -np.inf
         for r in range(self.repetitions):
-            before = r * self.distance
-            events: set[float] = set()
-            for series in (self.speed, self.pressure):
-                if 1 < len(series.time) <= 40:
-                    events |= {k for k in series.time if 0 < k < self.slide_time}
-            if self.lap:
-                laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
-                events |= {self.speed.reach(n * self.lap - before) for n in laps}
-            tiny = 1e-9 * self.slide_time
-            inner = sorted(c for c in events if tiny < c < self.slide_time - tiny)
-            cuts = [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
-            for a, b in pairwise(cuts):
-                out.append(Phase(r + 1, True, t + a, t + b, t, before))
+            before, leg, direction = r * self.distance, 0.0, self._heading(r + 1)
+            if self.lifted:
+                turned = -np.inf
+            elif out and out[-1].direction != direction:
+                turned = t
+            for a, b in pairwise(self._cuts(before)):
+                if a in self._turns:
+                    direction, leg, turned = -direction, self.speed.integral(a), t + a
+                out.append(Phase(r + 1, True, t + a, t + b, t, before, direction, leg, turned))
             begin = t
             t += self.slide_time
             if self.wait > 0 and r + 1 < self.repetitions:
-                out.append(Phase(r + 1, False, t, t + self.wait, begin, before))
+                out.append(Phase(r + 1, False, t, t + self.wait, begin, before, direction, leg, turned))
                 t += self.wait
         return tuple(out)
 
@@ -163,6 +236,10 @@ class Schedule:
     def __str__(self) -> str:
         v = self.speed
         speed = f"{v.value[0]:g}" if len(v.value) == 1 else f"{min(v.value):g}..{max(v.value):g}"
+        if self.directions == {-1}:
+            speed = f"-{speed}" if len(v.value) == 1 else f"-({speed})"
+        elif len(self.directions) > 1:
+            speed = f"+-{speed}" if len(v.value) == 1 else f"+-({speed})"
         return (
             f"Schedule {self.repetitions} x {self.distance:g} m at {speed} m/s, wait {self.wait:g} s, "
             f"block {'lifted' if self.lifted else 'in contact'} while waiting, {self.end:g} s in all"

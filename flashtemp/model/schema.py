@@ -40,11 +40,14 @@ TABLES: dict[str, dict[str, Param]] = {
     "friction": {},
     "schedule": {
         "speed": Param(
-            0.1, "m/s", "sliding speed; or a file of time against value",
-            low=0.0, open_low=True, high=1000.0, kinds=CURVE,
+            0.1, "m/s", "sliding speed, < 0 for sliding back: the edge at x = L leads; or a file of time against value",
+            low=0.0, open_low=True, high=1000.0, signed=True, kinds=CURVE,
         ),
         "distance": Param(3.5, "m", "distance slid in one repetition", low=1e-6, high=1e7),
         "repetitions": Param(1, "1", "number of repetitions", low=1, high=100000, kinds=("whole",)),
+        "turn": Param(
+            0, "1", "sliding turns round after every so many repetitions, 0 never", low=0, high=100000, kinds=("whole",)
+        ),
         "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
         "lifted": Param(True, "", "block lifted off the road while waiting", kinds=FLAG),
     },

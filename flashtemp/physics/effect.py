@@ -70,7 +70,7 @@ class Param:
     `kinds` says what a case may give: "number", "text" (a file or a keyword), "table" (a law or a
     list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it; where it
     is fitted it may differ from its default by a factor `spread`.  `curved`: the law is flat at `off`, so that
-    only the whole strength shows what it does.
+    only the whole strength shows what it does.  `signed`: the bounds are those of its size, negative values turn it.
     """
 
     value: Any
@@ -82,6 +82,7 @@ class Param:
     open_low: bool = False
     spread: float = 1.0
     curved: bool = False
+    signed: bool = False
     kinds: tuple[str, ...] = ("number",)
 
     def fault(self, value: Any) -> str | None:
@@ -90,13 +91,15 @@ class Param:
             return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
         if isinstance(value, int) and abs(value) > sys.float_info.max:
             return f"give a number of at most {sys.float_info.max:.2g}"
-        below = value < self.low or (self.open_low and value == self.low)
-        if value != value or below or value > self.high:
+        size = abs(value) if self.signed else value
+        below = size < self.low or (self.open_low and size == self.low)
+        if value != value or below or size > self.high:
             sign = ">" if self.open_low else ">="
             upper = f" and <= {self.high:g}" if self.high < inf else ""
             lower = f"{sign} {self.low:g}" if self.low > -inf else ""
             unit = f" ({self.unit})" if self.unit not in ("", "1") else ""
-            return f"give a number {lower}{upper}{unit}"
+            turned = ", or its negative" if self.signed else ""
+            return f"give a number {lower}{upper}{unit}{turned}"
         return None
 
 

@@ -11,7 +11,8 @@ KELVIN = 273.15  # 0 degC in K
 class Quantity:
     """A quantity that laws add to or multiply: its `unit`, its value `base` before any law speaks, what laws `see`.
 
-    Every law sees the moment: time, speed, mean pressure, slid distance, repetition.  `sees` is what it sees besides.
+    Every law sees the moment: time, speed (its size), mean pressure, slid distance, repetition.  `sees` is what it sees
+    besides: x is the block's own, `now.lead` the distance from the edge that leads, which is x unless it slides back.
     """
 
     name: str
@@ -30,7 +31,7 @@ class Site:
     zone: bool = False
 
 
-PLACE, CONTACT = "x, y", "x, y, contact fraction and its mean (not the pressure)"
+PLACE, CONTACT = "x, y, `now.lead`", "x, y, contact fraction and its mean (not the pressure)"
 SPOTS = "T in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
 ALONE = "nothing at all, `now` is None: a number"
 FRAME = "`now.recording`, and `now.repetition` of every frame"

@@ -62,7 +62,7 @@ def _image(work: Path, p: Progress) -> bytes:
             data = np.array(values, dtype=object if name == "ledger" else None)
             file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
         if p.track is not None:
-            for name in ("place", "time", "mean", "lane"):
+            for name in ("place", "time", "mean", "lane", "own"):
                 file[f"track/{name}"] = np.array(getattr(p.track, name))
         file.flush()
         return bytes(file.id.get_file_image())

@@ -75,7 +75,7 @@ class Balance:
         schedule, mesh = self.scene.schedule, self.scene.mesh
         now = self.scene.moment(schedule.phases[0], 0.0)
         pressure = np.full(len(mesh.column_x), max(schedule.pressure.value))
-        now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=pressure)
+        now = now.under(mesh, local_pressure=pressure)
         phi = float(np.mean(np.clip(self.laws("contact.spot_fraction", 0.0, None, now), 1e-6, 1.0)))
         return phi + self.laws("contact.resolved", 0.0, None, now) * (1.0 - phi)
 

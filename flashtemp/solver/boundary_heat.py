@@ -128,12 +128,12 @@ class BoundaryHeat:
             cell, area, half = mesh.patches[part.site]
             x, y, _ = mesh.place(cell)
             inner = half / (self.k[cell // mesh.n_across] * kf[cell])
-            flux = patch_flux(part.law, T[cell], inner, now._replace(x=x, y=y), p)
+            flux = patch_flux(part.law, T[cell], inner, now.at(mesh, x, y), p)
             yield _ledger(part.site, part), cell, area * flux
         for part, p, _ in self.laws.zones:
             plane = mesh.block if part.site == "block" else mesh.road
             cells = mesh.everywhere(plane)
-            at = now._replace(x=mesh.x_centre[mesh.line[plane]][..., None], y=mesh.y_centre)
+            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre)
             volume = mesh.volume[plane][..., None] * mesh.share
             yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * volume
 

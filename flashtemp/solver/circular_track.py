@@ -6,15 +6,19 @@ depth operator's eigenmodes, so that its cooling until the next pass is exact at
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
+from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
 from flashtemp.solver import lanes
-from flashtemp.solver.system import Inflow, System
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.system import Incoming, Inflow, System
 
 
 @dataclass
@@ -32,10 +36,13 @@ class Track:
     film: float
     lateral: float
     planes: int = 1  # across the direction of sliding
+    apart: float = 0.0  # m between columns at least
+    endless: bool = False  # nothing comes round
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
     mean: list = field(default_factory=list)  # modal amplitudes of the mean over lanes and gaps
     lane: list = field(default_factory=list)  # of the lanes' excess over that mean
+    own: list = field(default_factory=list)  # of the column's excess over the road that entered
 
     def __post_init__(self):
         half = self.dz / (2 * self.conductivity)
@@ -60,6 +67,11 @@ class Track:
         self.time.append(t)
         self.mean.append(self._amplitudes(entering + share * excess))
         self.lane.append(self._amplitudes((lane - share) * excess))
+        self.own.append(self._amplitudes(excess))
+
+    def forget(self) -> None:
+        """The block was lifted and starts elsewhere."""
+        self.place, self.time, self.mean, self.lane, self.own = [], [], [], [], []
 
     def _amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
@@ -67,6 +79,29 @@ class Track:
 
     def carried(self, t: float, place: float) -> np.ndarray:
         """Rise (n_road n_across,) in K of the road at `place` (m, unwrapped) coming round one lap later."""
+        return self._found(t, place, lambda j, age: self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
+
+    def back(self, t: float, place: float, since: float, turned: float, share: float) -> Incoming:
+        """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s).
+
+        Its lanes widen as long as they are under the block: those of road that comes back are what they were.
+        """
+
+        def here(j: int) -> bool:
+            return since <= self.time[j] <= turned
+
+        def mixed(j: int, age: float):
+            return 0.0 if here(j) else self.mean[j] + np.exp(-age / self.lateral) * self.lane[j]
+
+        def own(j: int, age: float):
+            return self.own[j] if here(j) else 0.0
+
+        def before(j: int, age: float):
+            return self.mean[j] - share * self.own[j] if here(j) else 0.0
+
+        return Incoming(*(self._found(t, place, law) for law in (mixed, own, before)))
+
+    def _found(self, t: float, place: float, amplitude: Callable[[int, float], Any]) -> np.ndarray:
         before = place - self.lap
         k = int(np.searchsorted(self.place, before, side="right"))
         if k == 0 or not self.place:
@@ -78,40 +113,73 @@ class Track:
         total = np.zeros((len(self.dz), self.planes))
         for j, weight in parts:
             age = max(t - self.time[j], 0.0)
-            cooled = np.exp(-self.rates * age)[:, None]
-            total += weight * cooled * (self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
+            total += weight * np.exp(-self.rates * age)[:, None] * amplitude(j, age)
         return (self.modes @ total / self.root[:, None]).ravel()
 
+    def turn(self, slid: float, mesh: Mesh) -> None:
+        """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
+        ends = mesh.x[mesh.first] + mesh.x[mesh.last]
+        place = [2.0 * slid - ends - s - self.lap for s in reversed(self.place)]
+        kept = {name: getattr(self, name)[::-1] for name in ("time", "mean", "lane", "own")}
+        around = slid - mesh.x[-1]  # the road around the block begins there
+        n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.apart
+        self.place = place[:n]
+        for name, values in kept.items():
+            setattr(self, name, values[:n])
+        if n:  # the column that was to leave next is like the last one
+            self.place[0] = min(place[0], slid - mesh.x[0] - self.lap)
+        if 0 < n == len(place) and around - place[-1] > 3.0 * tiny:  # then road on which the block has never been
+            for s in (place[-1] + tiny, around - tiny):
+                self.place.append(s)
+                self.time.append(self.time[n - 1])
+                self.mean.append(0.0 * self.mean[n - 1])
+                self.lane.append(0.0 * self.lane[n - 1])
+                self.own.append(0.0 * self.own[n - 1])
 
-def track_of(scene: Scene) -> Track:
-    """The track of a scene that remembers, still empty."""
+
+def remembers(scene: Scene) -> bool:
+    """Whether road that left the window may come back: round the track, or where the block slides back."""
+    return scene.schedule.lap is not None or scene.schedule.returns
+
+
+def track_of(scene: Scene, lap: float | None) -> Track:
+    """The track of a scene that remembers, still empty; a road without end where no `lap` (m) is given."""
     heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
     start = scene.moment(scene.schedule.phases[0], 0.0)
     film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
-    assert scene.track_length is not None
+    whole, around = scene.schedule.distance * scene.schedule.repetitions, scene.mesh.x[-1] - scene.mesh.x[0]
+    endless, lap = lap is None, lap or 1.0 + whole + 2.0 * around
+    apart = 0.1 * scene.length if endless else lap / 400
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    return Track(scene.track_length, dz, road.conductivity, road.volumetric_capacity, film, lateral, planes)
+    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, lateral, planes, apart, endless)
 
 
-def inflow(scene: Scene, phase, track: Track | None) -> Inflow | None:
-    """What the track carries into the window during a phase; None without a track."""
+def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
+    """What the track carries into the window during a phase, and over what the block slides back; None without a track.
+
+    Road over which the block slides back without having left it is as hot as it was left, whatever effects act.
+    """
     if track is None:
         return None
+    scene = balance.scene
+    since = phase.start if scene.schedule.lifted else 0.0
 
     def carried(now):
-        slid = phase.slid_before + now.slid
-        return track.carried(now.t, slid - scene.mesh.x[0])
+        place = phase.slid_before + now.slid - scene.mesh.x[0]
+        if phase.turned < since:
+            return Incoming(track.carried(now.t, place))
+        return track.back(now.t, place, since, phase.turned, balance.share)
 
     return carried
 
 
-def leave(system: System, t: float, y: np.ndarray, track: Track) -> None:
-    """Keep the column that leaves the window at a state y, at most 400 per lap."""
+def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | None = None) -> None:
+    """Keep the column that leaves the window at a state y, at most 400 per lap, or ten per length of the block."""
     b, scene, now = system.b, system.b.scene, system.moment(t)
     place = system.phase.slid_before + now.slid - scene.mesh.x[-1]
-    if track.place and place - track.place[-1] < track.lap / 400:
+    if track.place and place - track.place[-1] < (track.apart if apart is None else apart):
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient

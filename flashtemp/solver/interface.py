@@ -130,14 +130,15 @@ class Interface:
         if self.b.laws.restless:
             self.recent.forget((now.t,))
         else:  # nothing changes once a spot has passed over the rubber
-            passed = min(now.slid, D), min(now.contact_time - now.waited, D / now.last_speed)
+            speed = max(now.last_speed, 1e-12)  # a block that starts from rest
+            passed = min(now.slid, D), min(now.contact_time - now.waited, D / speed)
             self.recent.forget((now.pressure, now.speed, now.last_speed, now.touching, *passed, now.waited))
 
     def state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
         self._recall(now)
         laws, mesh, recent = self.b.laws, self.b.scene.mesh, self.recent
-        now = now._replace(x=mesh.column_x, y=mesh.column_y, local_pressure=local)
+        now = now.under(mesh, local_pressure=local)
         if T is not None:
             now = now._replace(face=T[self.b.cell_block] + self.b.scene.ambient)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
@@ -206,11 +207,9 @@ class Interface:
 
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
-        mesh = self.b.scene.mesh
-        return now._replace(
-            x=mesh.column_x, y=mesh.column_y, local_pressure=state.pressure, spot_fraction=state.phi,
-            covered=state.covered,
-        )  # fmt: skip
+        return now.under(
+            self.b.scene.mesh, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
+        )
 
     def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
         """Interface fluxes, with `slopes` their slopes, else None, at rises T (cells,) with road entering at T_in.

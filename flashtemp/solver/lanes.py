@@ -25,7 +25,7 @@ def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[
 
     A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
     both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
-    (columns,) is the contact fraction; `memory` gives the `weights` of a distance slid (m).
+    (columns,) is the contact fraction; `memory` gives the `weights` of a distance slid (m) since the last turn.
     """
     if np.isrealobj(phi) and np.ptp(phi) == 0.0:
         return b.share / phi, np.ones(len(phi))
@@ -33,7 +33,7 @@ def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[
     phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
     least = SPARSE * phi.mean(axis=0)
     here = np.where(np.real(phi) < np.real(least), least, phi)
-    weights = memory(now.slid)
+    weights = memory(now.leg)
     out = np.empty((2, *phi.shape), dtype=np.result_type(phi, p))
     for j in range(mesh.n_across):
         both = np.where(np.real(here[:, j, None]) < np.real(phi[:, j]), here[:, j, None], phi[:, j])
@@ -67,7 +67,7 @@ def _taken(b: Balance, heat, warming, phi, now) -> np.ndarray:
 
     That is what a half-space takes which has been as warm as the lanes since the start.
     """
-    v = now.speed if now.speed > 0.0 else now.last_speed
+    v = now.speed if now.speed > 0.0 else now.last_speed or 1e-12
     t = max(now.contact_time - now.waited, b.scene.length / v)
     into_block = b.scene.block.effusivity / (b.scene.road.effusivity * np.sqrt(v * t) * np.pi)
     flux = heat

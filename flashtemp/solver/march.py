@@ -6,7 +6,6 @@ import time as clock
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +13,14 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.circular_track import inflow, leave, track_of
+from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
 from flashtemp.solver.cvode import Integrator, Tolerance
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record, record_times
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import System
+from flashtemp.solver.turning import renew, renews
 
 Path = list[tuple[float, np.ndarray]]  # time and state of every step
 
@@ -36,7 +35,7 @@ def march(
 ) -> Run:
     """Integrate the scene over its whole schedule and return the Run.
 
-    `beside` is told about every stretch and every restart (`sensitivity.Neighbours`).
+    `beside` is told about every stretch, every restart and every turn (`sensitivity.Neighbours`).
 
     `watch(progress)` is called after every internal step; returning True stops the march with
     KeyboardInterrupt, `progress` then holds all that is needed to go on.  Raises SolverFailure
@@ -48,8 +47,8 @@ def march(
     resumed, spent = now.y is not None, now.wall
     if not resumed:
         now.y, now.left = balance.initial(), np.zeros(2)
-    if now.track is None and scene.schedule.lap is not None:
-        now.track = replace(track_of(scene), **(now.columns or {}))
+    if now.track is None and remembers(scene):
+        now.track = replace(track_of(scene, scene.schedule.lap), **(now.columns or {}))
 
     def stop() -> bool:
         now.wall = spent + clock.perf_counter() - began
@@ -58,13 +57,13 @@ def march(
     phases = scene.schedule.phases
     while now.phase < len(phases):
         phase = phases[now.phase]
-        if not resumed and phase.sliding and phase.begin == phase.start and now.phase > 0:
+        if not resumed and now.phase > 0 and renews(phases[now.phase - 1], phase):
             old = now.y
-            restart(balance, phases[now.phase - 1], now)
+            renew(balance, phases[now.phase - 1], phase, now)
             if beside is not None:
-                beside.restart(phases[now.phase - 1], old, now.y)
+                beside.renew(phases[now.phase - 1], phase, old)
         path: Path | None = [] if beside is not None else None
-        _stretch(System(balance, phase, inflow(scene, phase, now.track)), settings, now, resumed, stop, path)
+        _stretch(System(balance, phase, inflow(balance, phase, now.track)), settings, now, resumed, stop, path)
         if beside is not None:
             beside.stretch(phase, path, now.records)
         resumed = False
@@ -164,26 +163,3 @@ def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> s
         f"{fault}; at t = {t:.6g} s, hottest {body} cell {where}z = {z * 1e3:.3g} mm "
         f"({T[cell] - KELVIN:.4g} degC), largest effect: {effect}"
     )
-
-
-def restart(balance: Balance, before: Any, now: Progress) -> None:
-    """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
-    scene, mesh = balance.scene, balance.scene.mesh
-    if not scene.schedule.lifted:
-        return
-    y = now.y.copy()
-    old = balance.stored(y)
-    system = System(balance, before, inflow(scene, before, now.track))
-    moment = system.moment(before.end)
-    rise = balance.rise(y[: balance.n])
-    road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
-    fresh = entering + 0.0 * road
-    if now.track is not None:
-        lane = lanes.everywhere(mesh, system.contact(moment, y).state.lane)[:, None]
-        mixed = balance.share + (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
-        fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
-    everywhere = mesh.everywhere(mesh.road)
-    rise[everywhere] = fresh
-    y[everywhere] = balance.enthalpy(rise)[everywhere]
-    now.left = now.left + np.subtract(old, balance.stored(y))
-    now.y = y

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import SolverFailure
+from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import Settings
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import lanes
@@ -51,32 +52,42 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         "pressure": contact.state.pressure * (1.0 if moment.touching else 0.0),
         "worn": worn,
     }
-    wake = _wake(b, T, entering)
+    profiles = {name: _along_block(mesh, values, phase.direction) for name, values in profiles.items()}
+    wake = {"T_wake": _surface(b, T, entering, mesh.road[mesh.last :])}
+    if -1 in b.scene.schedule.directions:
+        wake["T_ahead"] = _surface(b, T, entering, mesh.road[: mesh.first])
     energy = _energy(b, y, now)
     row = {
         "time": t,
         "repetition": phase.repetition,
         "slid": phase.slid_before + moment.slid,
         "sliding": phase.sliding,
-        "T_wake": wake @ mesh.share,
+        "direction": phase.direction,
         "friction": _mean_friction(system, contact),
-        "tilt": 2.0 * contact.press.tilt / (b.foundation.stiffness * b.scene.length),
+        "tilt": phase.direction * 2.0 * contact.press.tilt / (b.foundation.stiffness * b.scene.length),
         "energy": list(energy.values()),
     }
+    row |= {name: values @ mesh.share for name, values in wake.items()}
     row |= {name: mesh.across(values) for name, values in profiles.items()}
     if b.laws("contact.resolved", 0.0, None, moment) > 0:  # what touches counts
-        weight = np.maximum(contact.state.phi, 1e-6)
+        cover = _along_block(mesh, contact.state.phi, phase.direction)
+        weight = np.maximum(cover, 1e-6)
         row["T_spot"] = mesh.across(weight * profiles["T_spot"]) / mesh.across(weight)
-        profiles["cover"] = contact.state.phi
+        profiles["cover"] = cover
     if frame:
         kept = {"cells": _cells(system, moment, contact, T, entering)}
         if mesh.n_across > 1:
-            kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | {"T_wake": wake}).items()}
+            kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
         now.frames.append({name: a.astype(precision) for name, a in kept.items()})
         row["frames"] = len(now.records.get("time", []))
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
         now.records.setdefault(name, []).append(value)
+
+
+def _along_block(mesh: Mesh, columns: np.ndarray, direction: int) -> np.ndarray:
+    """Values (columns,) counted from the leading edge, in the order of the block's own x."""
+    return columns.reshape(-1, mesh.n_across)[::direction].ravel()
 
 
 def _mean_friction(system: System, contact: Contact) -> float:
@@ -106,11 +117,11 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
-def _wake(b: Balance, T, entering) -> np.ndarray:
-    """Road surface (lines behind the block, planes) in degC, over lanes and gaps: all heat that the road took."""
+def _surface(b: Balance, T, entering, lines) -> np.ndarray:
+    """Road surface (lines, planes) in degC, over lanes and gaps: all heat that the road took."""
     mesh, under = b.scene.mesh, entering[-b.scene.mesh.n_across :]
-    behind = mesh.planes(T)[mesh.road[mesh.last :, -1]]
-    return b.scene.ambient - KELVIN + under + b.share * (behind - under)
+    free = mesh.planes(T)[lines[:, -1]]
+    return b.scene.ambient - KELVIN + under + b.share * (free - under)
 
 
 def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
@@ -128,7 +139,7 @@ def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
     fallen = np.einsum("jk,ikp->ijp", lanes.loss_at_depth(system.b, system.interface.at(contact.state, moment)), excess)
     lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
     mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fall * fallen)
-    return cells
+    return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 
 
 def finish(balance: Balance, now: Progress, title: str) -> Run:
@@ -136,9 +147,13 @@ def finish(balance: Balance, now: Progress, title: str) -> Run:
     scene, r, maps = balance.scene, now.records, now.frames.stacked()
     arrays = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction", "worn")
     profiles: dict[str, Any] = {name: np.array(r[name]) for name in (*arrays, "tilt", "frames")}
+    back: dict[str, Any] = (
+        {"T_ahead": np.array(r["T_ahead"]), "direction": np.array(r["direction"])} if "T_ahead" in r else {}
+    )
     return Run(
         title=title,
-        mesh=scene.mesh,
+        mesh=scene.mesh.mirrored() if scene.schedule.directions == {-1} else scene.mesh,
+        **back,
         **profiles,
         sliding=np.array(r["sliding"], dtype=bool),
         energy=dict(zip(r["ledger"], np.array(r["energy"]).T, strict=True)),

@@ -25,6 +25,8 @@ class Run(Shown):
     `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
     `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
     In 3D profiles are means across y, and `maps` {name: (frames, lines, planes)} resolve them.
+    x, `mesh` and `tilt` are the block's own whichever way it slides; where it slides back at all, `direction` (n,) is
+    1 or -1, and `T_wake` behind it and `T_ahead` (n, lines before it) count from the edge that leads.
     """
 
     title: str
@@ -50,16 +52,32 @@ class Run(Shown):
     statistics: dict = dataclasses.field(default_factory=dict)
     case_text: str = ""
     maps: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    direction: np.ndarray | None = None
+    T_ahead: np.ndarray | None = None
 
     @property
     def x(self) -> np.ndarray:
-        """Line centres under the block, m from the leading edge."""
+        """Line centres under the block, m from the edge that leads while it slides forward."""
         return self.mesh.x_block
 
     @property
     def x_wake(self) -> np.ndarray:
         """Line centres behind the block, m from the leading edge."""
-        return self.mesh.x_centre[self.mesh.last :]
+        return self._towards.x_centre[self._towards.last :]
+
+    @property
+    def x_ahead(self) -> np.ndarray:
+        """Line centres before the block, m from the leading edge: negative."""
+        return self._towards.x_centre[: self._towards.first]
+
+    @property
+    def _towards(self) -> Mesh:
+        """The mesh with x from the leading edge; it is its own mirror image where either edge leads at times."""
+        return self.mesh if self.direction is None or np.any(self.direction > 0) else self.mesh.mirrored()
+
+    def leads(self, k: int) -> int:
+        """Index among the lines under the block of the one whose edge leads at time number k: 0 or -1."""
+        return 0 if self.direction is None or self.direction[k] > 0 else -1
 
     def section(self, frame: int, plane: int | None = None) -> np.ndarray:
         """Temperatures (n_plane,) degC of a frame in one plane (x, z), the one in the middle if none is given."""
@@ -134,19 +152,19 @@ class Run(Shown):
     @cached_property
     def summary(self) -> dict:
         """The numbers of summary.json (contract 5.3)."""
-        T = self.T_block[self.last] - self.ambient_degC
+        T, lead = self.T_block[self.last] - self.ambient_degC, self.leads(self.last)
         return {
             "title": self.title,
             "T_max_degC": float(max(np.nanmax(self.T_spot), np.nanmax(self.T_block))),
-            "rise_leading_K": float(T[0]),
+            "rise_leading_K": float(T[lead]),
             "rise_middle_K": self.at_x(T, 0.5 * self.mesh.x[self.mesh.last]),
-            "rise_trailing_K": float(T[-1]),
+            "rise_trailing_K": float(T[-1 - lead]),
             "friction_per_repetition": self.friction_per_repetition,
             "energy_imbalance": self.energy_imbalance,
             "partition_error": self.partition_error,
             "energy_J": {k: v * self.width for k, v in self.budget.items()},
             "worn_mean_m": self.at_mean(self.worn[-1]),
-            "worn_leading_m": float(self.worn[-1][0]),
+            "worn_leading_m": float(self.worn[-1][lead]),
             "worn_volume_m3": self.worn_volume,
             "cells": self.mesh.n_cells,
             **self.statistics,
@@ -174,10 +192,17 @@ class Run(Shown):
             "sliding": ("time", self.sliding.astype(np.int8), {"units": "1", "long_name": "1 while sliding"}),
             "friction": ("time", self.friction, {"units": "1", "long_name": "load-weighted friction coefficient"}),
         }
-        about = {name: data[name][2] for name in ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")}
+        places = {"T_wake": "x_wake", "T_ahead": "x_ahead"}
+        if self.T_ahead is not None:
+            before = {"units": "degC", "long_name": "road surface before the block, averaged across y"}
+            data["T_ahead"] = (("time", "x_ahead"), self.T_ahead, before)
+            which = {"units": "1", "long_name": "1 forward, -1 back: the edge at the largest x leads"}
+            data["direction"] = ("time", self.direction.astype(np.int8), which)
+        wide = ("T_block", "T_spot", "T_road", "T_wake", "T_ahead", "pressure", "worn")
+        about = {name: data[name][2] for name in wide if name in data}
         about["cover"] = {"units": "1", "long_name": "covered by macroasperity contact regions"}
         for name, values in self.maps.items():
-            place = "x_wake" if name == "T_wake" else "x"
+            place = places.get(name, "x")
             words = about[name] | {"long_name": about[name]["long_name"].removesuffix(", averaged across y")}
             data[f"{name}_map"] = (("time_map", place, "y"), values, words)
         for name, values in self.energy.items():
@@ -187,6 +212,9 @@ class Run(Shown):
             "time_map": ("time_map", self.time[self.frames], {"units": "s", "long_name": "time of the maps"}),
             "y": ("y", self.mesh.y_centre, {"units": "m", "long_name": "distance from the centre line"}),
         }
+        ahead = {}
+        if self.T_ahead is not None:
+            ahead["x_ahead"] = ("x_ahead", self.x_ahead, {"units": "m", "long_name": "place before the block, < 0"})
         return xr.Dataset(
             data,
             coords=(across if self.maps else {})
@@ -194,7 +222,8 @@ class Run(Shown):
                 "time": ("time", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
                 "x": ("x", self.x, {"units": "m", "long_name": "distance from the leading edge"}),
                 "x_wake": ("x_wake", self.x_wake, {"units": "m", "long_name": "place behind the block"}),
-            },
+            }
+            | ahead,
             attrs={"title": self.title, "ambient_degC": self.ambient_degC, "Conventions": "CF-1.11"},
         )
 

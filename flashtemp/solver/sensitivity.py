@@ -16,18 +16,19 @@ import numpy as np
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.circular_track import inflow, leave, track_of
-from flashtemp.solver.march import Path, march, restart
+from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
+from flashtemp.solver.march import Path, march
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import Linearised, System
+from flashtemp.solver.turning import renew
 
 FIRST, MOST = 1e-3, 0.1  # first and longest step, in lengths of a stretch
 CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
 GROWTH = 2.0  # BDF2 is stable up to 2.4
 TINY = 1e-7  # K: a change that need not be followed
-KEPT = ("place", "time", "mean", "lane")  # what a track remembers
+KEPT = ("place", "time", "mean", "lane", "own")  # what a track remembers
 
 
 @dataclass(frozen=True)
@@ -82,14 +83,15 @@ class _Neighbour:
             raise ValueError("a neighbour needs the mesh of the run")
         if scene.schedule.end != base.scene.schedule.end:
             raise ValueError("a neighbour needs the schedule of the run")
-        remembers = scene.schedule.lap is not None
         self.scene = replace(scene, mesh=base.scene.mesh, schedule=replace(scene.schedule, lap=base.scene.schedule.lap))
         self.balance, self.step, self.since = Balance(self.scene), step, since
         start, own, m = base.initial(), self.balance.initial(), base.worn.stop
         self.m, self.s = m, np.zeros(m)
         if step:
             self.s = (own[:m] - start[:m]) / step
-        self.now = Progress(y=own, left=np.zeros(2), track=track_of(self.scene) if remembers else None)
+        self.now = Progress(y=own, left=np.zeros(2), track=None)
+        if remembers(scene):
+            self.now.track = track_of(self.scene, scene.schedule.lap)
 
     def state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """The neighbour's own state beside a state of the run; its ledger is not kept."""
@@ -99,13 +101,13 @@ class _Neighbour:
 
     def during(self, phase) -> _During:
         """The neighbour during one phase of the schedule."""
-        system = System(self.balance, phase, inflow(self.scene, phase, self.now.track))
+        system = System(self.balance, phase, inflow(self.balance, phase, self.now.track))
         return _During(self, system, np.zeros(self.balance.size))
 
-    def restart(self, before, y, s) -> np.ndarray:
-        """The state (cells and worn depth) after the road was made new."""
+    def renew(self, before, phase, y, s) -> np.ndarray:
+        """The state (cells and worn depth) after the road was made new, or the block turned to slide back."""
         self.now.y = self.state(y, s)
-        restart(self.balance, before, self.now)
+        renew(self.balance, before, phase, self.now)
         return self.now.y[: self.m]
 
     def run(self, title: str) -> Run:
@@ -134,7 +136,7 @@ class _During:
 
 
 class Neighbours:
-    """All neighbours of a run; `march` calls `stretch` after each stretch and `restart` at each new start."""
+    """All neighbours of a run; `march` calls `stretch` after each stretch and `renew` at each new start or turn."""
 
     def __init__(self, scene: Scene, moves: Mapping[Any, Move], asked: frozenset[float], dense: bool):
         base = Balance(scene)
@@ -142,13 +144,13 @@ class Neighbours:
         moved = [_Neighbour(base, m.scene, m.step, m.since) for m in moves.values()]
         self.all = [_Neighbour(base, scene, 0.0, 0.0), *moved]
 
-    def restart(self, before, old: np.ndarray, new: np.ndarray) -> None:
-        """The road is made new between two repetitions; `old` and `new` are the run's states."""
+    def renew(self, before, phase, old: np.ndarray) -> None:
+        """A new repetition begins or the block turns, out of the run's state `old`."""
         level, *moved = self.all
-        zero = level.restart(before, old, level.s)
+        zero = level.renew(before, phase, old, level.s)
         for one in moved:
             if one.since < before.end:
-                one.s = (one.restart(before, old, one.s) - zero) / one.step
+                one.s = (one.renew(before, phase, old, one.s) - zero) / one.step
 
     def stretch(self, phase, path, records) -> None:
         """Integrate the differences over a stretch of which the run took the steps `path`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,19 @@ from flashtemp.solver.balance import Balance
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import AbrasionCoupling, Contact, Interface
 
-Inflow = Callable[[Any], np.ndarray]  # moment -> rise (n_road n_across,) K that the entering road carries
+
+class Incoming(NamedTuple):
+    """What the entering road carries, rises (n_road n_across,) K: `carried` of earlier passes.
+
+    Where the block slides back over road that it has just left: heat of its lanes `back`, what it was `before`.
+    """
+
+    carried: np.ndarray
+    back: np.ndarray | float = 0.0
+    before: np.ndarray | float = 0.0
+
+
+Inflow = Callable[[Any], Incoming]  # of a moment
 
 
 @dataclass(frozen=True)
@@ -41,12 +53,20 @@ class System:
         return now
 
     def entering(self, now) -> np.ndarray:
-        """Temperature rise (n_road n_across,) of the road that enters now, deepest cells first."""
+        """Temperature rise (n_road n_across,) of the road that enters now, deepest cells first.
+
+        Where the block slides back, what that road was before the block was on it: what its lanes widen into.
+        """
         drift = now.ambient - self.b.scene.ambient
         if self.inflow is None:
             return self.b.no_inflow + drift
-        carried = self.inflow(now)
-        return self.b.laws("road.inflow", drift + 0.0 * carried, None, now._replace(carried=carried))
+        found = self.inflow(now)
+        fresh = drift + 0.0 * found.carried + found.before
+        return self.b.laws("road.inflow", fresh, None, now._replace(carried=found.carried))
+
+    def back(self, now) -> np.ndarray | float:
+        """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""
+        return 0.0 if self.inflow is None else self.inflow(now).back
 
     def contact(self, now, y) -> Contact:
         """Block and road at a state y: pressure, contact laws and, unless the block is lifted, fluxes."""
@@ -65,7 +85,10 @@ class System:
         kf = self.solid.conduction(T, now)
         carry = b.carry_unit * now.speed
         T_in = self.entering(now)
-        h_in = T_in if b.capacity_gradient is None else T_in * (1 + 0.5 * b.capacity_gradient[: len(T_in)] * T_in)
+        T_enter = T_in + self.back(now) if self.phase.turned > -np.inf else T_in
+        h_in = (
+            T_enter if b.capacity_gradient is None else T_enter * (1 + 0.5 * b.capacity_gradient[: len(T_in)] * T_enter)
+        )
         led = dict.fromkeys(b.ledger, 0.0)
         contact = self.interface.contact(now, b.worn_depth(y), T, T_in, kf)
         state, flux = contact.state, contact.flux
@@ -74,8 +97,8 @@ class System:
             if b.abrades:
                 out[b.worn] = self.interface.abrasion_rate(state, flux, now) / b.worn_unit
         b.boundary.exchange(self.interface.at(state, now), T, kf, q, led)
-        self.solid.flows(T, h, T_in, h_in, self.solid.conductances(kf), carry, q)
-        led["lane_out"] = self._leaving(T, h, T_in, h_in, carry)
+        self.solid.flows(T, h, T_enter, h_in, self.solid.conductances(kf), carry, q)
+        led["lane_out"] = self._leaving(T, h, T_enter, h_in, carry)
         for name, i in b.entry.items():
             out[i] = led[name]
         if not np.isfinite(out.sum()):

@@ -1,8 +1,8 @@
-"""The sheared block folds under at its leading edge and presses there: B [exp(-x/l) - mean].
+"""The sheared block folds under at its leading edge and presses there: B [exp(-d/l) - mean], d m behind it.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = EdgePressure().heat(N(length=0.025), None)
->>> round(float(law.law(None, N(x=0.0), N(B=4.0, length=2.5e-3))), 6)
+>>> round(float(law.law(None, N(lead=0.0), N(B=4.0, length=2.5e-3))), 6)
 3.600018
 """
 
@@ -29,6 +29,6 @@ class EdgePressure(Effect):
 
         def law(T, now, p):
             mean = p.length / scene.length * -np.expm1(-scene.length / p.length)
-            return p.B * (np.exp(-now.x / p.length) - mean)
+            return p.B * (np.exp(-now.lead / p.length) - mean)
 
         yield Term("contact.pressure", law)

@@ -35,7 +35,7 @@ class Flash(Effect):
 
         def residence(now):
             if now.waited > 0 or now.speed <= 0:
-                passed = D / now.last_speed if now.last_speed > 0 else 0.0
+                passed = D / now.last_speed if now.last_speed > 0 else np.inf
                 return min(now.contact_time, passed) + now.waited, 1.0
             return D / now.speed, overlap_integral(now.slid / D) / FULL
 

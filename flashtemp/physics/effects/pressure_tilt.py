@@ -19,7 +19,14 @@ class PressureTilt(Effect):
     tells = ("side wall warmer near the leading edge, cooler at the trailing one",)
     steady = True
 
-    a = Param(0.5, "1", "relative excess of pressure at the leading edge", low=-1.0, high=1.0, off=0.0)
+    a = Param(
+        0.5,
+        "1",
+        "relative excess of pressure at the edge x = 0, which leads unless the block slides back",
+        low=-1.0,
+        high=1.0,
+        off=0.0,
+    )
 
     def heat(self, scene, p):
         """Adds to local over mean pressure."""

@@ -52,6 +52,8 @@ class ResolvedSpots(Effect):
 
         @cache
         def ground():
+            if -1 in scene.schedule.directions:
+                raise BadInput("schedule.speed: resolved_spots follows its spots forward only; give a speed > 0")
             if p.contact_map is not None:
                 road = p.contact_map
             elif p.pattern == "stripes":

@@ -16,7 +16,7 @@ from flashtemp.runs.effect_check.findings import Finding
 from flashtemp.runs.effect_check.scenes import RICH, SHAPES, Bench, Trial
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.run import Run
-from flashtemp.solver.system import System
+from flashtemp.solver.system import Incoming, System
 
 LEAK = 1e-12  # relative heat imbalance of a run that rounding may leave
 ROUNDING = 1e-13  # the same of one product
@@ -108,7 +108,7 @@ def states(scene) -> Iterator[tuple[Balance, System, float, np.ndarray, np.rando
     balance = Balance(scene)
     mesh = scene.mesh
     carried = np.linspace(0.1, 1.0, mesh.n_road * mesh.n_across)
-    inflow = (lambda now: carried) if balance.laws.has("road.inflow") else None
+    inflow = (lambda now: Incoming(carried)) if balance.laws.has("road.inflow") else None
     phases = scene.schedule.phases
     for phase in (next(p for p in phases if p.sliding), next(p for p in phases if not p.sliding)):
         rng = np.random.default_rng(7)

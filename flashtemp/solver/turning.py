@@ -1,0 +1,68 @@
+"""What happens between two phases: the road at a new start, and the whole state where the block turns to slide back.
+
+The balance always sees road that moves towards +x, with the leading edge at x = 0.  Where sliding turns, cells, worn
+depth and track change ends, so that no law of the balance knows of two directions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flashtemp.solver import lanes
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.circular_track import inflow, leave
+from flashtemp.solver.progress import Progress
+from flashtemp.solver.system import System
+
+
+def renew(balance: Balance, before: Any, phase: Any, now: Progress) -> None:
+    """Make the state of a march, which stands at the end of the phase `before`, that with which `phase` begins."""
+    if phase.sliding and phase.begin == phase.start:
+        restart(balance, before, now)
+    if phase.direction != before.direction:
+        turn(balance, before, phase, now)
+
+
+def renews(before: Any, phase: Any) -> bool:
+    """Whether the state changes between two phases."""
+    return bool(phase.direction != before.direction or (phase.sliding and phase.begin == phase.start))
+
+
+def restart(balance: Balance, before: Any, now: Progress) -> None:
+    """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
+    scene, mesh = balance.scene, balance.scene.mesh
+    if not scene.schedule.lifted:
+        return
+    y = now.y.copy()
+    old = balance.stored(y)
+    system = System(balance, before, inflow(balance, before, now.track))
+    moment = system.moment(before.end)
+    rise = balance.rise(y[: balance.n])
+    road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
+    fresh = entering + 0.0 * road
+    if now.track is not None and now.track.endless:
+        now.track.forget()
+    elif now.track is not None:
+        lane = lanes.everywhere(mesh, system.contact(moment, y).state.lane)[:, None]
+        mixed = balance.share + (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
+        fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
+    everywhere = mesh.everywhere(mesh.road)
+    rise[everywhere] = fresh
+    y[everywhere] = balance.enthalpy(rise)[everywhere]
+    now.left = now.left + np.subtract(old, balance.stored(y))
+    now.y = y
+
+
+def turn(balance: Balance, before: Any, phase: Any, now: Progress) -> None:
+    """Block, road around it and track seen from the other edge, which leads from now on."""
+    scene, mesh, y = balance.scene, balance.scene.mesh, now.y.copy()
+    if now.track is not None and before.sliding and phase.repetition == before.repetition:
+        leave(System(balance, before, inflow(balance, before, now.track)), before.end, now.y, now.track, 1e-9)
+    mesh.planes(y[: balance.n])[:] = mesh.planes(now.y[: balance.n])[mesh.mirror]
+    y[balance.worn] = now.y[balance.worn].reshape(-1, mesh.n_across)[::-1].ravel()
+    now.y = y
+    if now.track is not None:
+        slid = scene.schedule.slid(phase, phase.begin)
+        now.track.turn(phase.slid_before + slid, mesh)

@@ -184,7 +184,7 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
     if not math.isfinite(schedule.slide_time):
         raise BadInput(
             f"schedule.speed: the block stops before it has slid schedule.distance = {v.schedule.distance:g} m; "
-            "give a speed that lasts"
+            "give a speed that stays > 0, or < 0"
         )
     return schedule
 

@@ -34,6 +34,14 @@ class SolverFailure(FlashtempError):
     """The time integration stopped: says at what time, in which cell and under which effect."""
 
 
+class AuditFailure(SolverFailure):
+    """The march ended, but its books do not balance; `run` is what it gave, to be looked at and not believed."""
+
+    def __init__(self, said: str, run: Any):
+        super().__init__(said)
+        self.run = run
+
+
 class Interrupted(FlashtempError):
     """The user stopped the work; what goes on from it is `left` in `path`, and `how` to."""
 

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
 
 BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"}
 
@@ -16,7 +17,7 @@ BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"
 class Settings:
     """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait.
 
-    `times` (s): moments at which profiles and fields are kept besides.
+    `times` (s): moments at which profiles and fields are kept besides; `hottest` (K): hotter is a failure.
     """
 
     binding: str
@@ -26,6 +27,7 @@ class Settings:
     profiles: int = 40
     fields: int = 6
     times: tuple[float, ...] = ()
+    hottest: float = 600.0 + KELVIN
 
 
 def available() -> list[str]:
@@ -49,4 +51,7 @@ def choose(name: str | None) -> str:
 def settings(values: Mapping[str, Mapping[str, Any]]) -> Settings:
     """Numerics of a case's values {table: {key: value}}; BadInput when its CVODE binding is not installed."""
     n, out = values["numerics"], values["output"]
-    return Settings(choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"])
+    hottest = values["limits"]["temperature"] + KELVIN
+    return Settings(
+        choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"], hottest=hottest
+    )

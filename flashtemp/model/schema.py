@@ -13,6 +13,7 @@ from flashtemp.physics.effect import Effect, Param, catalogue
 LEVELS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
 NOTHING = Param(None, "", "")
 TEXT, CURVE, FLAG = ("name",), ("number", "text", "table"), ("flag",)
+AMOUNT, AMOUNTS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
 TABLES: dict[str, dict[str, Param]] = {
     "block": {
         "length": Param(0.025, "m", "length in the direction of sliding", low=1e-4, high=1.0),
@@ -53,6 +54,11 @@ TABLES: dict[str, dict[str, Param]] = {
     },
     "ambient": {
         "temperature": Param(20.0, "degC", "air, initial and road temperature", low=-100.0, high=500.0),
+    },
+    "limits": {
+        "temperature": Param(
+            600.0, "degC", "a run that gets hotter fails; rubber chars above 300", low=-100.0, high=1e5, kinds=AMOUNT
+        ),
     },
     "numerics": {
         "mesh": Param(
@@ -100,7 +106,6 @@ TABLES: dict[str, dict[str, Param]] = {
         "vtk": Param(True, "", "write the VTK file", kinds=FLAG),
     },
 }  # fmt: skip
-AMOUNT, AMOUNTS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
 BRISTLES = {
     "speed": Param(27.0, "m/s", "rolling speed", low=0.1, high=200.0, kinds=AMOUNT),
     "stiffness": Param(

@@ -9,11 +9,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.errors import BadInput, FlashtempError, Halted, Incomplete, Interrupted
+from flashtemp.errors import AuditFailure, BadInput, FlashtempError, Halted, Incomplete, Interrupted
 from flashtemp.model import case as cases
 from flashtemp.runs import inert, vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
 from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
+from flashtemp.solver import limits
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.march import march
 from flashtemp.solver.progress import Progress
@@ -122,27 +123,8 @@ def interrupted(folder: Path) -> tuple[Path, Path]:
 
 def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
     """March from `state` to the end, save, draw, and give the folder its name."""
-    scene, again = case.scene, f"flashtemp run --resume {out}"
     with stoppable() as stopped:
-        try:
-            run = march(scene, case.settings, case.title, state, _watcher(work, scene, watch, stopped))
-            save(work, state)
-            run = _saved(run, case, work, pvd, say)
-        except KeyboardInterrupt:
-            if full := _kept(work, state):
-                raise Halted(full, work, again) from None
-            raise Interrupted(work, again) from None
-        except OSError as fault:
-            _kept(work, state)
-            if not (work / CHECKPOINT).is_file():
-                raise
-            raise Halted(fault, work, again) from fault
-        except FlashtempError:
-            raise
-        except Exception as fault:
-            if state.phase < len(scene.schedule.phases):
-                raise
-            raise Halted(fault, work, again) from fault  # the march is the result
+        run = _marched(case, state, work, out, pvd, watch, say, stopped)
     missing = {}
     if case["output.pictures"] and not stopped.is_set():
         try:
@@ -157,6 +139,34 @@ def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
         raise Incomplete(f"{absent(lies, missing)}; draw again with: flashtemp draw {lies}", run)
     check_place(out, lies, run)
     return run
+
+
+def _marched(case, state, work, out, pvd, watch, say, stopped) -> Run:
+    """March from `state` to the end and save; what goes wrong leaves all that can be kept."""
+    scene, again = case.scene, f"flashtemp run --resume {out}"
+    try:
+        run = march(scene, case.settings, case.title, state, _watcher(work, scene, watch, stopped))
+        save(work, state)
+        return _saved(run, case, work, pvd, say)
+    except KeyboardInterrupt:
+        if full := _kept(work, state):
+            raise Halted(full, work, again) from None
+        raise Interrupted(work, again) from None
+    except OSError as fault:
+        _kept(work, state)
+        if not (work / CHECKPOINT).is_file():
+            raise
+        raise Halted(fault, work, again) from fault
+    except AuditFailure as fault:
+        _saved(replace(fault.run, statistics=fault.run.statistics | {"failed": str(fault)}), case, work, pvd, say)
+        lies = place(work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT, FRAMES, RESERVE))
+        raise AuditFailure(f"{fault}; what came out lies in {lies}", fault.run) from fault
+    except FlashtempError:
+        raise
+    except Exception as fault:
+        if state.phase < len(scene.schedule.phases):
+            raise
+        raise Halted(fault, work, again) from fault  # the march is the result
 
 
 def absent(folder: Path, missing: dict[str, str]) -> str:
@@ -191,7 +201,8 @@ def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) ->
     """The run with all that is told about it, written into its folder but for the pictures."""
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
-    remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)] + inert.remarks(case)
+    remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
+    remarks += limits.remarks(run) + inert.remarks(case)
     about = {"versions": versions(case.settings.binding)} | ({"remarks": remarks} if remarks else {})
     if own := case.own_effects():
         about["own_effects"] = own

@@ -13,6 +13,7 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver import limits
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
 from flashtemp.solver.cvode import Integrator, Tolerance
@@ -69,7 +70,7 @@ def march(
         resumed = False
         now.phase += 1
     now.wall = spent + clock.perf_counter() - began
-    return finish(balance, now, title)
+    return limits.audit(finish(balance, now, title), settings.atol or 10 * settings.rtol)
 
 
 def _balance(scene: Scene) -> Balance:
@@ -95,7 +96,7 @@ def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Calla
     try:
         if due and due[0][0] <= t + tiny:
             at, frame = due.pop(0)
-            record(system, at, y, now, frame)
+            _keep(system, at, y, now, frame, settings)
         solver.start(t, y, phase.end)
         if path is not None:
             path.append((t, y))
@@ -105,10 +106,11 @@ def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Calla
                 path.append((t, y))
             while due and due[0][0] <= t + tiny:
                 at, frame = due.pop(0)
-                record(system, at, y if abs(at - t) <= tiny else solver.at(at), now, frame)
+                _keep(system, at, y if abs(at - t) <= tiny else solver.at(at), now, frame, settings)
             if now.track is not None and phase.sliding:
                 leave(system, t, y, now.track)
             now.t, now.y, now.steps = t, y, before + solver.steps
+            limits.check(system, t, system.b.rise(y[: system.b.n]), hottest=settings.hottest)
             if stop():
                 raise KeyboardInterrupt
     except Exception as fault:
@@ -117,6 +119,13 @@ def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Calla
     finally:
         for name, count in solver.calls.items():
             now.calls[name] += count
+
+
+def _keep(system: System, t: float, y, now: Progress, frame: bool, settings: Settings) -> None:
+    """Record a state, if its profiles can be."""
+    record(system, t, y, now, frame)
+    for name in ("T_block", "T_spot", "T_road", "T_wake"):
+        limits.check(system, t, now.records[name][-1] + KELVIN - system.b.scene.ambient, hottest=settings.hottest)
 
 
 def _tolerance(system: System, settings: Settings) -> Tolerance:

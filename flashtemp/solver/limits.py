@@ -1,0 +1,78 @@
+"""What no result may pass: temperatures beyond sense, and books that do not balance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.errors import AuditFailure, SolverFailure
+from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver.run import Run
+from flashtemp.solver.system import System
+
+AGES = 200.0  # degC from which rubber ages while it slides
+IMBALANCE = 1e-6  # heat that may appear or vanish, relative to all that moved: rounding leaves 1e-15
+PARTITION = 1e-3  # error of the split between block and road, relative to the same: the integrator leaves 1e-6
+FAINT = 1e3  # times atol: rises whose heat the integrator divides well
+UNDERSHOOT, SMALL = 0.05, 1.0  # of the largest rise, and K: what a scheme of second order leaves at a sharp front
+
+
+def check(system: System, t: float, T, *, hottest: float) -> None:
+    """Raise SolverFailure for rises T (K) at time t (s) above `hottest` (K), or below all that could have cooled them.
+
+    `T` may be of cells or of any profile.
+    """
+    if len(T) == 0:  # nothing is shown behind the block
+        return
+    ambient = system.b.scene.ambient
+    high, low = float(np.max(T)), float(np.min(T))
+    if high + ambient > hottest:
+        raise SolverFailure(
+            f"{high + ambient - KELVIN:.4g} degC is above limits.temperature = {hottest - KELVIN:g} degC, and rubber "
+            "chars above 300 degC; give less load, speed or friction, or raise that limit"
+        )
+    allowed = UNDERSHOOT * max(high, 0.0) + SMALL
+    if low < -allowed and low < (coldest := _coldest(system, t)) - allowed:
+        raise SolverFailure(
+            f"{low + ambient - KELVIN:.4g} degC is below everything that cools, {coldest + ambient - KELVIN:.4g} degC; "
+            "give a finer mesh"
+        )
+
+
+def _coldest(system: System, t: float) -> float:
+    """Rise (K) of the coldest thing around at time t; -inf where a law of heat cools below all of them."""
+    b, now = system.b, system.moment(t)
+    around = [0.0, now.ambient - b.scene.ambient, float(np.min(system.entering(now)))]
+    for entries in b.laws.films.values():
+        around += [float(part.far(now, p)) - b.scene.ambient for part, p, _ in entries if part.far is not None]
+    low, mesh = min(around), b.scene.mesh
+    for part, p, _ in (*b.laws.patches, *b.laws.zones):
+        at = now._replace(x=mesh.x_centre, y=0.0)
+        if np.min(np.real(part.law(np.full(len(mesh.x_centre), low + b.scene.ambient), at, p))) < 0.0:
+            return -np.inf
+    return low
+
+
+def audit(run: Run, atol: float) -> Run:
+    """The run; AuditFailure where its books do not balance.
+
+    Where no rise is well above the integrator's `atol` (K), nothing is promised of the split between block and road.
+    """
+    seen = np.ptp(np.concatenate([run.T_block, run.T_spot])) > FAINT * atol
+    partition = run.partition_error if seen else 0.0
+    found = (("energy_imbalance", run.energy_imbalance, IMBALANCE), ("partition_error", partition, PARTITION))
+    for name, value, limit in found:
+        if not value <= limit:
+            raise AuditFailure(
+                f"{name} {value:.2g} is above {limit:g}: heat was made or lost on the way, the result is not to be "
+                "believed; give a smaller numerics.rtol, and report it if that does not help",
+                run,
+            )
+    return run
+
+
+def remarks(run: Run) -> list[str]:
+    """What a user should know of temperatures that rubber does not bear for long."""
+    hottest = run.summary["T_max_degC"]
+    if hottest < AGES:
+        return []
+    return [f"{hottest:.0f} degC: rubber ages above 200 and chars above 300 degC, none of which is modelled"]

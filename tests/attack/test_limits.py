@@ -1,0 +1,107 @@
+"""What no result may pass: temperatures beyond sense, and books that do not balance."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flashtemp.__main__ import main
+from flashtemp.errors import AuditFailure, SolverFailure
+from flashtemp.model.case import load
+from flashtemp.solver.contact_flux import ContactState
+from flashtemp.solver.interface import Interface
+from flashtemp.solver.march import march
+
+SMALL = {
+    "schedule.distance": 0.02, "numerics.mesh": "coarse", "output.pictures": False, "output.vtk": False,
+}  # fmt: skip
+SPRAY = """
+from flashtemp.physics import Effect, Heat, Param
+
+class Spray(Effect):
+    cause, source, tells = "cold water cools the holder's side", "own", ("cooler",)
+    power = Param(1e8, "W/m3", "heat drawn from the block", low=0.0, high=1e9, off=0.0)
+
+    def heat(self, scene, p):
+        yield Heat.zone("block", lambda T, now, p: -p.power + 0.0 * T)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "case.toml").write_text('title = "limits"\n', encoding="utf-8")
+    return tmp_path
+
+
+def run(folder, **given):
+    case = load(folder, SMALL | {k.replace("__", "."): v for k, v in given.items()}, trust=True)
+    return march(case.scene, case.settings)
+
+
+def test_a_run_that_gets_too_hot_fails_with_time_and_place(folder, capsys):
+    words = [f"{k}={json.dumps(v)}" for k, v in SMALL.items()]
+    hot = ["contact.pressure=1e7", "friction.mu=2"]
+    assert main(["run", str(folder), *words, *hot, "--out", str(folder / "out")]) == 1
+    said = capsys.readouterr().err
+    assert "above limits.temperature = 600 degC" in said
+    assert " at t = " in said
+    assert not (folder / "out").exists()
+    assert main(["run", str(folder), *words, *hot, "limits.temperature=1e5", "--out", str(folder / "out")]) == 0
+    remark = "rubber ages above 200 and chars above 300 degC"
+    assert remark in capsys.readouterr().out
+    assert any(remark in r for r in json.loads((folder / "out" / "summary.json").read_text())["remarks"])
+
+
+def test_a_run_that_stays_below_200_has_no_remark(folder, capsys):
+    words = [f"{k}={json.dumps(v)}" for k, v in SMALL.items()]
+    assert main(["run", str(folder), *words, "--out", str(folder / "out")]) == 0
+    assert "remarks" not in json.loads((folder / "out" / "summary.json").read_text())
+
+
+def test_spots_count_where_no_cell_is_as_hot(folder):
+    cool = run(folder, contact__flash_factor=0.0)
+    limit = float(np.max(cool.field)) + 1.0
+    assert run(folder, contact__flash_factor=0.0, limits__temperature=limit)
+    with pytest.raises(SolverFailure, match=r"limits\.temperature"):
+        run(folder, limits__temperature=limit)
+
+
+def test_colder_than_all_that_cools_is_a_failure(folder, monkeypatch):
+    contact = Interface.state
+
+    def drawing(self, now, local, T=None):
+        state = contact(self, now, local, T)
+        return replace(state, m=-state.m)  # friction that takes heat away
+
+    monkeypatch.setattr(Interface, "state", drawing)
+    with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
+        run(folder)
+
+
+def test_what_a_law_cools_may_be_cold(folder):
+    (folder / "spray.py").write_text(SPRAY, encoding="utf-8")
+    assert np.min(run(folder, effects=["./spray.py"]).field) < 15.0
+    cold = {"holder_sink__temperature": -60.0, "holder_sink__coefficient": 1e5, "schedule__distance": 0.3}
+    assert np.min(run(folder, effects=["holder_sink"], **cold).field) < 10.0
+
+
+@pytest.mark.parametrize(("lost", "name"), [(1e-5, "energy_imbalance"), (2e-3, "energy_imbalance")])
+def test_heat_that_is_lost_on_the_way_fails(folder, monkeypatch, capsys, lost, name):
+    built = ContactState
+
+    def leaky(**values):
+        return built(**values | {"road": (1.0 - lost) * values["road"]})
+
+    monkeypatch.setattr("flashtemp.solver.contact_flux.ContactState", leaky)
+    with pytest.raises(AuditFailure, match=name) as fault:
+        run(folder)
+    assert fault.value.run.energy_imbalance > 1e-6
+    words = [f"{k}={json.dumps(v)}" for k, v in SMALL.items()]
+    assert main(["run", str(folder), *words, "--out", str(folder / "out")]) == 1
+    assert "out.failed" in capsys.readouterr().err
+    assert not (folder / "out").exists()
+    assert name in json.loads((folder / "out.failed" / "summary.json").read_text())["failed"]
+    assert (folder / "out.failed" / "run.nc").is_file()

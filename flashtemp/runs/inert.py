@@ -13,7 +13,7 @@ from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.march import law_at_fault
-from flashtemp.solver.system import System
+from flashtemp.solver.system import Incoming, System
 
 HOTTEST = 120.0  # K that a state is above the air at most
 PHASES = 6  # stretches of the schedule that are asked, the first and the last among them
@@ -113,4 +113,5 @@ def _returning(scene: Scene, phase: Any):
     mesh, lap = scene.mesh, scene.schedule.lap
     if lap is None:
         return None
-    return lambda now: np.full(mesh.n_road * mesh.n_across, 1.0 if phase.slid_before + now.slid > lap else 0.0)
+    cold = np.zeros(mesh.n_road * mesh.n_across)
+    return lambda now: Incoming(cold + (1.0 if phase.slid_before + now.slid > lap else 0.0))

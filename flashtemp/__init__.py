@@ -9,6 +9,7 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "api.inputs": ["load"],
+    "api.drawing": ["draw"],
     "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
     "api.studies": ["sweep", "converge", "repetitions", "wait"],
     "api.camera": ["import_recording", "recording_template"],
@@ -24,7 +25,7 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
-    "converge", "discover", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
     "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "simulate", "spectrum",
     "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
 ]  # fmt: skip
@@ -33,6 +34,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp import physics
     from flashtemp.api.camera import import_recording, recording_template
     from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
+    from flashtemp.api.drawing import draw
     from flashtemp.api.effects import check_effect, effects
     from flashtemp.api.friction import friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load

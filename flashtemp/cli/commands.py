@@ -15,7 +15,7 @@ app = App(
     suppress_keyboard_interrupt=False,  # told below
 )
 COMMANDS = (
-    simulate.run, studies.sweep, simulate.view, simulate.check, studies.converge, effects.effects,
+    simulate.run, studies.sweep, simulate.draw, simulate.view, simulate.check, studies.converge, effects.effects,
     studies.repetitions, studies.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Commands on one case: run, view, check."""
+"""Commands on one case: run, draw, view, check."""
 
 from __future__ import annotations
 
@@ -75,6 +75,33 @@ def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None 
     seen = simulation.view(folder, screenshot=screenshot, time=time, say=tell)
     emit(seen.as_dict(), json, str(seen))
     return DONE
+
+
+def draw(
+    folder: Path,
+    /,
+    *,
+    format: str = "png",
+    pvd: Annotated[bool, Switch] = False,
+    trust: Trust = False,
+    json: Json = False,
+) -> int:
+    """The pictures of a finished run or sweep again, into its folder.
+
+    Parameters
+    ----------
+    folder
+        A result folder of run or sweep.
+    format
+        png, svg or pdf; several as png,svg.
+    pvd
+        Also write a .pvd series for older ParaView.
+    """
+    from flashtemp.api import drawing
+
+    drawn, code = finished(lambda: drawing.draw(folder, format=format, pvd=pvd, trust=trust, say=teller(json)))
+    emit(drawn.as_dict(), json, str(drawn))
+    return code
 
 
 def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:

@@ -1,0 +1,81 @@
+"""A finished run, read back from its folder: all that pictures of it need."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, reason
+from flashtemp.model import case as cases
+from flashtemp.runs import vtk
+from flashtemp.runs.checkpoint import CHECKPOINT, load
+from flashtemp.runs.job import is_result
+from flashtemp.solver.run import Run
+
+PROFILES = ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")
+TIMES = ("time", "repetition", "slid", "tilt", "friction")
+
+
+def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
+    """The case and the Run of a result folder; no frames where it keeps no fields.  Raises BadInput.
+
+    Fields come from fields.vtkhdf, or from what an unfinished folder holds beside its checkpoint; `trust` lets effect
+    files of the case run whose ever they are.
+    """
+    if not is_result(folder):
+        raise BadInput(f"{folder}: no result of flashtemp run; give a folder that holds run.nc and summary.json")
+    case = cases.load(folder, trust=trust)
+    try:
+        run = _without_fields(folder, case)
+        frames, field = _fields(folder, run)
+    except (OSError, KeyError, ValueError, IndexError) as fault:
+        raise BadInput(f"{folder}: run.nc or its fields are damaged ({reason(fault)}); run the case anew") from fault
+    return case, replace(run, frames=frames, field=field)
+
+
+def _without_fields(folder: Path, case: cases.Case) -> Run:
+    import xarray as xr
+
+    with xr.open_dataset(folder / "run.nc", engine="h5netcdf") as file:
+        ds = file.load()
+    scene, mesh = case.scene, case.scene.mesh
+    if ds.x.shape != mesh.x_block.shape or not np.allclose(ds.x, mesh.x_block, rtol=1e-9):
+        raise BadInput(f"{folder}: run.nc has another mesh than case.toml gives today; run the case anew")
+    profiles: dict[str, Any] = {name: ds[name].values for name in (*PROFILES, *TIMES)}
+    energy = {str(n).removeprefix("energy_"): ds[n].values for n in ds.data_vars if str(n).startswith("energy_")}
+    maps = {str(n).removesuffix("_map"): ds[n].values for n in ds.data_vars if str(n).endswith("_map")}
+    run = Run(
+        title=ds.attrs["title"],
+        mesh=mesh,
+        **profiles,
+        sliding=ds.sliding.values.astype(bool),
+        energy=energy,
+        frames=np.zeros(0, dtype=int),
+        field=np.zeros((0, mesh.n_cells)),
+        ambient_degC=float(ds.attrs["ambient_degC"]),
+        width=scene.width,
+        conductivity=(scene.block.conductivity, scene.road.conductivity),
+        case_text=(folder / "case.toml").read_text(encoding="utf-8"),
+        maps=maps,
+    )
+    told = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return replace(run, statistics={k: v for k, v in told.items() if k not in run.summary})
+
+
+def _fields(folder: Path, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Indices into the run's times, and temperatures (frames, cells) in degC."""
+    if (folder / "fields.vtkhdf").is_file():
+        kept = vtk.open_fields(folder)
+        field = np.zeros((len(kept.times), run.mesh.n_cells), dtype=np.float32)
+        for k, t in enumerate(kept.times):
+            for name, body in vtk.bodies(run).items():
+                field[k][body.cells.ravel()] = kept.T(name, t)
+        return np.searchsorted(run.time, kept.times), field
+    if (folder / CHECKPOINT).is_file():
+        state = load(folder)
+        return np.array(state.records["frames"]), state.frames.stacked()["cells"]
+    return run.frames, run.field

@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 PIP := .venv/bin/python -m pip --disable-pip-version-check
 READY := .venv/.ready
 
-.PHONY: help demo test test-all coverage lint odes clean
+.PHONY: help demo test test-all attack coverage lint odes clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
@@ -21,6 +21,9 @@ test: $(READY)  ## run the tests but the long ones, a file per core at a time; A
 
 test-all: $(READY)  ## run the long tests too
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "" $(ARGS)
+
+attack: $(READY)  ## kills, full disks, damage at random: an hour; ARGS="--share 0.1 kill" for less
+	OMP_NUM_THREADS=1 .venv/bin/python tests/attack/attack.py $(ARGS)
 
 coverage: $(READY)  ## run the tests and tell which lines they miss; solver and discovery need 85 % a module
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report= $(ARGS)

@@ -45,6 +45,7 @@ QUANTITIES: dict[str, Quantity] = {
             "block.abrasion", "1", "0", "m worn per m slid",
             "T in the spots, x, y, local pressure, contact fraction, `now.friction`",
         ),
+        Quantity("block.expansion", "1/K", "0", "by which a column of the block swells, over its height", ALONE),
         Quantity("block.worn", "m", "0", "worn before the first start", PLACE),
         Quantity("holder.compliance", "rad/(N m)", "0", "turn of the holder per moment"),
         Quantity("holder.arm", "m", "0", "height of the holder's pivot, arm of the friction force"),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from flashtemp.errors import AuditFailure, BadInput, FlashtempError, Halted, Incomplete, Interrupted
 from flashtemp.model import case as cases
-from flashtemp.runs import inert, vtk
+from flashtemp.runs import inert, steadiness, vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
 from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
 from flashtemp.solver import limits
@@ -202,7 +202,7 @@ def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) ->
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
-    remarks += limits.remarks(run) + inert.remarks(case)
+    remarks += limits.remarks(run) + inert.remarks(case) + steadiness.remarks(scene, run)
     about = {"versions": versions(case.settings.binding)} | ({"remarks": remarks} if remarks else {})
     if own := case.own_effects():
         about["own_effects"] = own

@@ -66,6 +66,7 @@ class Balance:
         # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
         self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
         self.abrades = self.laws.has("block.abrasion")
+        self.expansion = self.laws("block.expansion", 0.0, None, None)
 
     def _reference_fraction(self) -> float:
         """Contact fraction at the highest mean pressure: the constant share of the width for which road cells stand.
@@ -141,6 +142,12 @@ class Balance:
     def worn_depth(self, y: np.ndarray) -> np.ndarray:
         """Worn depth (columns,) in m of a state."""
         return y[self.worn] * self.worn_unit
+
+    def swelling(self, T: np.ndarray) -> np.ndarray:
+        """By how much (columns,) m the block swells at rises T (cells,)."""
+        mesh = self.scene.mesh
+        swollen: np.ndarray = np.einsum("ijk,j->ik", mesh.planes(T)[mesh.block], self.expansion * np.diff(mesh.height))
+        return swollen.ravel()
 
     def stored(self, y: np.ndarray) -> tuple[float, float]:
         """Heat in block and in road lanes above ambient, J per metre across."""

@@ -69,6 +69,8 @@ class Interface:
         """
         b = self.b
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
+        if b.expansion:
+            free = free + b.foundation.stiffness * b.swelling(T)
         turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
         if turning < np.inf:
             moment *= self._friction(now, free, moment, turning, T, T_in, kf)
@@ -282,7 +284,9 @@ def _slope(values) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AbrasionCoupling:
-    """The linearised way from abrasion to pressure to heat, and back: for Newton's method and its preconditioner.
+    """The linearised way from abrasion, and from swelling, to pressure to heat, and back: for Newton's method.
+
+    Its preconditioner leaves out what swelling does.
 
     Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `road` into the
     road's cells, `books` of friction and of all heat into the road (W/m), `abrasion` of its rate; `warm` slopes of that
@@ -299,9 +303,10 @@ class AbrasionCoupling:
     response: Response
     undo: Callable[[np.ndarray], np.ndarray]
 
-    def pressure(self, worn: np.ndarray) -> np.ndarray:
-        """Change of pressure (columns,) Pa by a change of the worn depth in the state."""
-        return self.response(worn * self.b.worn_unit)
+    def pressure(self, worn: np.ndarray, T: np.ndarray | None = None) -> np.ndarray:
+        """Change of pressure (columns,) Pa by changes of the worn depth in the state and of T (cells,) K."""
+        depth = worn * self.b.worn_unit
+        return self.response(depth if T is None or not self.b.expansion else depth - self.b.swelling(T))
 
     def heated(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
         """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""

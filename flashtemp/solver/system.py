@@ -144,7 +144,7 @@ class System:
             for name, parts in rows.items()
             if parts
         }
-        worn = b.abrades and contact.slopes is not None
+        worn = (b.abrades or b.expansion) and contact.slopes is not None
         return Linearised(
             b, gamma, stretch, joined, contact.state, books,
             self.solid.linearised(gamma, kf, carry, stretch, slopes, joined),
@@ -227,7 +227,7 @@ class Linearised:
         if self.coupling is not None:
             w = self.coupling
             out[b.worn] = w.heated(T[b.cell_block], lane)
-            w.add(w.pressure(v[b.worn]), out)
+            w.add(w.pressure(v[b.worn], T), out)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
         """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""

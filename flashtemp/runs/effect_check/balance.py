@@ -176,10 +176,11 @@ def jacobian(bench: Bench, trial: Trial | None, shape: str) -> Finding:
 
 
 def linearisation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
-    """What the solver takes for J v is J v, but for the slope of k(T) and of abrasion: those by little."""
+    """What the solver takes for J v is J v, but for the slope of k(T), of abrasion and of swelling: those by little."""
     worst = 0.0
     for balance, system, t, y, rng in states(bench.scene(trial, values=rich(bench, trial, shape))):
-        bent = balance.nonlinear_conductivity or balance.abrades  # lanes and gaps follow the mean contact fraction
+        # lanes and gaps follow the mean contact fraction
+        bent = balance.nonlinear_conductivity or balance.abrades or balance.expansion
         v = direction(balance, smooth(balance.scene.mesh, rng) - 8, rng)
         J, out = product(balance, system, t, y, v), np.zeros(balance.size)
         system.linearised(t, y, 1e-2).times(v, out)

@@ -26,13 +26,16 @@ from flashtemp.runs.workers import crew
 from flashtemp.showing import Shown, write_json
 
 
-def open_campaign(campaign: str | Path, planned: bool = False, *, trust: bool = False) -> Campaign:
+def open_campaign(
+    campaign: str | Path, planned: bool = False, *, trust: bool = False, limit: float | None = None
+) -> Campaign:
     """Read a campaign: a folder with a campaign.toml, or a .toml file, and everything that it names.
 
     With `planned` a recording may give a view instead of a file, as before measuring; `trust` lets effect files of its
-    case run whose ever they are.  Raises BadInput.
+    case run whose ever they are; `limit`: GB of memory that reading one recording may take, 1 when not given.
+    Raises BadInput.
     """
-    return reading.load(campaign, planned, trust)
+    return reading.load(campaign, planned, trust, limit)
 
 
 def campaign_of(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:

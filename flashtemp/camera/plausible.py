@@ -90,6 +90,10 @@ def matrix(values: np.ndarray, stated: tuple[int | None, int | None], rows_said:
         )
     if rows_said and rows_said != rows:
         raise BadInput(f"rows: {rows_said} said, {rows} in the file; copy it again or repair that number")
+    if rows == 1 and rows_said is None:
+        raise BadInput(
+            f"one row of {columns} values: the file is cut off; copy it again, or give --rows 1 if it is a line"
+        )
     whole = SENSORS.get(columns, ())
     if rows_said is None and stated[0] is None and 1 < rows < max(whole, default=0) and rows not in whole:
         raise BadInput(

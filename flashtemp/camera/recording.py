@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -217,7 +217,7 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     if not path.is_file():
         raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
     try:
-        bounded_hdf5.check(path, NEEDED.__contains__, lambda size, what: fits(size, limit, what))
+        bounded_hdf5.check(path, NEEDED.__contains__, partial(_allowed, limit))
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             ds = opened.drop_vars([name for name in opened.variables if name not in NEEDED])
             ds.load()
@@ -259,6 +259,13 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         )
     except BadInput as fault:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
+
+
+def _allowed(limit: float | None, size: int, what: str, usual: bool) -> None:
+    """BadInput where a dataset takes too much memory or holds numbers that no program writes."""
+    fits(size, limit, what)
+    if not usual:
+        raise BadInput(f"{what} holds numbers of an unusual kind: damaged; write it again with flashtemp import")
 
 
 def _whole(values: np.ndarray) -> np.ndarray:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from flashtemp.cli.terminal import DONE, Json, Trust, emit, finished, result_folder, teller
+from flashtemp.cli.terminal import DONE, Json, Limit, Trust, emit, finished, result_folder, teller
 
 
-def compare(campaign: Path, /, *, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
+def compare(
+    campaign: Path, /, *, out: Path | None = None, limit: Limit = None, trust: Trust = False, json: Json = False
+) -> int:
     """Simulate what the cameras of a campaign saw, subtract, draw: one HTML report and one JSON.
 
     Parameters
@@ -20,7 +22,7 @@ def compare(campaign: Path, /, *, out: Path | None = None, trust: Trust = False,
     """
     from flashtemp.api import campaigns
 
-    loaded = campaigns.open_campaign(campaign, trust=trust)
+    loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
     result, code = finished(lambda: campaigns.compare(loaded, out=folder, say=teller(json)))
     emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
@@ -34,6 +36,7 @@ def discover(
     out: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    limit: Limit = None,
     trust: Trust = False,
     json: Json = False,
 ) -> int:
@@ -52,7 +55,7 @@ def discover(
     """
     from flashtemp.api import campaigns
 
-    loaded = campaigns.open_campaign(campaign, trust=trust)
+    loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
     how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "say": teller(json)}
     verdict, code = finished(lambda: campaigns.discover(loaded, **how))
@@ -67,6 +70,7 @@ def plan(
     out: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    limit: Limit = None,
     trust: Trust = False,
     json: Json = False,
 ) -> int:
@@ -86,7 +90,7 @@ def plan(
     """
     from flashtemp.api import campaigns
 
-    loaded = campaigns.open_campaign(campaign, planned=True, trust=trust)
+    loaded = campaigns.open_campaign(campaign, planned=True, trust=trust, limit=limit)
     outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler)
     emit(outlook.as_dict(), json, str(outlook))
     return DONE

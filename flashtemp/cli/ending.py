@@ -21,9 +21,18 @@ PATHS = (
 )
 
 
+def plain(text: str) -> str:
+    r"""A text in which nothing moves a terminal's cursor, colours or title, or turns the order of letters.
+
+    >>> plain("a\x1b[2Jb\n\u202ec")
+    'a\\x1b[2Jb\n\\u202ec'
+    """
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 def tell(text: str) -> None:
     """A message for the person at the terminal."""
-    print(text, file=sys.stderr)
+    print(plain(text), file=sys.stderr)
 
 
 def ended(fault: BaseException) -> int:

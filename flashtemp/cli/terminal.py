@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -10,16 +11,17 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.ending import BAD, DONE, FAILED, tell
+from flashtemp.cli.ending import BAD, DONE, FAILED, plain, tell
 from flashtemp.errors import Incomplete
 from flashtemp.showing import to_json
 
-__all__ = ["BAD", "DONE", "FAILED", "tell"]  # and what stands below
+__all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
 
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
 ]
 Switch = Parameter(negative=())
+Limit = Annotated[float | None, Parameter(help="GB of memory that reading one recording may take; 1 when not given.")]
 Trust = Annotated[
     bool,
     Parameter(
@@ -62,6 +64,7 @@ def progress_bar(label: str):
 def counter(label: str):
     """Progress with time left on stderr, told watch(done, total); silent where stderr is no terminal."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
@@ -74,7 +77,7 @@ def counter(label: str):
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task, shown = bar.add_task(label, total=None), 0.0
+        task, shown = bar.add_task(escape(plain(label)), total=None), 0.0
 
         def watch(done: float, total: float) -> None:
             nonlocal shown
@@ -87,4 +90,6 @@ def counter(label: str):
 
 def emit(data: Any, as_json: bool, text: str) -> None:
     """The result on stdout, once, in the form asked for."""
-    print(to_json(data) if as_json else text)
+    if as_json:  # the same characters are escaped, as JSON has it
+        text = "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in to_json(data))
+    print(text if as_json else plain(text))

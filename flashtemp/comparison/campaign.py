@@ -122,19 +122,19 @@ def told(given: dict[str, Any]) -> str:
     return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
 
 
-def load(path: str | Path, planned: bool = False, trust: bool = False) -> Campaign:
+def load(path: str | Path, planned: bool = False, trust: bool = False, limit: float | None = None) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
     With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
-    each.
+    `trust` lets effect files of the case run whose ever they are; `limit`: GB of memory that reading one recording may
+    take.  Raises BadInput with all faults at once, one line each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
         raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
     text, raw = case_file.read_toml(file)
-    reader = _Reader(case_file.Places(str(file), text), file.parent, planned)
+    reader = _Reader(case_file.Places(str(file), text), file.parent, planned, limit)
     for key in raw.keys() - TOP:
         reader.fault(key, f"unknown key{nearest(key, sorted(TOP))}")
     case = reader.case(raw)
@@ -162,6 +162,7 @@ class _Reader:
     where: case_file.Places
     folder: Path
     planned: bool
+    limit: float | None
     faults: list[str] = field(default_factory=list)
 
     def fault(self, key: str, text: str) -> None:
@@ -240,7 +241,7 @@ class _Reader:
             taken = _imagined(entry["view"], under(given))
             return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
         try:
-            return View(entry["file"], recording.load(self.folder / entry["file"]), given, sigma, held)
+            return View(entry["file"], recording.load(self.folder / entry["file"], self.limit), given, sigma, held)
         except BadInput as fault:
             self.faults.extend(fault.lines)
             return None

@@ -22,21 +22,24 @@ def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
     found: dict[str, h5py.Dataset] = {}
     count = 0
 
-    def link(name: Any, about: Any) -> None:
+    def link(name: Any, about: Any) -> str | None:
+        """What is wrong with a link; said after the visit, since the library loses what is raised in it."""
         nonlocal count
         count += 1
         if count > MOST_ITEMS:
-            raise BadInput(f"more than {MOST_ITEMS} items in one file; give a part of it")
+            return f"more than {MOST_ITEMS} items in one file; give a part of it"
         if isinstance(about, h5py.ExternalLink):
-            raise BadInput(f"'{_word(name)}' is a link to another file ({short(str(about.filename))}); {INSIDE}")
+            return f"'{_word(name)}' is a link to another file ({short(str(about.filename))}); {INSIDE}"
+        return None
 
     def item(name: Any, what: Any) -> None:
         if isinstance(what, h5py.Dataset):
-            found[_word(name)] = inside(what)
+            found[_word(name)] = what
 
-    file.visititems_links(link)
+    if wrong := file.visititems_links(link):
+        raise BadInput(wrong)
     file.visititems(item)
-    return found
+    return {name: inside(dataset) for name, dataset in found.items()}
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
@@ -47,15 +50,16 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
     return dataset
 
 
-def check(path: Any, wanted: Callable[[str], bool], allow: Callable[[int, str], None]) -> None:
-    """Look at a file before another library reads it: `allow` hears the numbers that `wanted` datasets hold.
+def check(path: Any, wanted: Callable[[str], bool], allow: Callable[[int, str, bool], None]) -> None:
+    """Look at a file before another library reads it: `allow` hears how many numbers `wanted` datasets
+    hold, which, and whether of a usual kind.
 
     Raises BadInput as `datasets`, whatever `allow` raises, and OSError for what is no HDF5.
     """
     with h5py.File(path) as file:
         for name, found in datasets(file).items():
             if wanted(name):
-                allow(claimed(found), f"'{name}' of shape {found.shape}")
+                allow(claimed(found), f"'{name}' of shape {found.shape}", usual(found))
 
 
 def claimed(dataset: h5py.Dataset) -> int:
@@ -64,6 +68,13 @@ def claimed(dataset: h5py.Dataset) -> int:
     for side in dataset.chunks or ():
         chunk *= int(side)
     return size + chunk * bool(dataset.chunks)
+
+
+def usual(dataset: h5py.Dataset) -> bool:
+    """Whether the numbers of a dataset are of a kind that programs write: nothing else tells a damaged description."""
+    kind = dataset.id.get_type()
+    names = [f"IEEE_F{bits}" for bits in (16, 32, 64)] + [f"STD_{s}{bits}" for s in "IU" for bits in (8, 16, 32, 64)]
+    return any(kind == getattr(h5py.h5t, name + order) for name in names for order in ("LE", "BE"))
 
 
 def text(item: Any, name: str) -> str | None:

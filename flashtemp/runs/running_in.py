@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.errors import BadInput, FlashtempError, nearest
+from flashtemp.errors import BadInput, FlashtempError, nearest, short
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.interpolation import rows
 from flashtemp.physics.quantities import KELVIN
@@ -320,7 +320,7 @@ def _columns(path: Path) -> list[str]:
     known = ("repetition", "slid_m", "mu", "sigma")
     for name in cells:
         if name not in known:
-            raise BadInput(f"{path}: column '{name}'{nearest(name, known)}; write the header {HEADER}")
+            raise BadInput(f"{path}: column '{short(name)}'{nearest(name, known)}; write the header {HEADER}")
     if "mu" not in cells or ("repetition" in cells) == ("slid_m" in cells) or len(set(cells)) < len(cells):
-        raise BadInput(f"{path}: header '{','.join(cells)}'; write {HEADER}")
+        raise BadInput(f"{path}: header '{short(','.join(cells))}'; write {HEADER}")
     return cells

@@ -106,6 +106,8 @@ def _datasets(file, matlab: bool) -> dict[str, Array]:
 
     numbers = {k: d for k, d in bounded_hdf5.datasets(file).items() if d.dtype.kind in "fui" and d.ndim}
     for name, d in numbers.items():
+        if not bounded_hdf5.usual(d):
+            raise BadInput(f"array '{short(name)}' of numbers of an unusual kind: damaged, or not for images; {AGAIN}")
         if d.chunks and d.id.get_storage_size() == 0 and d.size:
             raise BadInput(f"array '{short(name)}' of shape {d.shape} holds no data; {AGAIN}")
         fits(math.prod(d.chunks or (1,)), None, f"one chunk of array '{short(name)}'")
@@ -176,7 +178,7 @@ def _classic(data: bytes, limit) -> dict[str, Array]:
         for name, v in file.variables.items():
             fits(math.prod(v.shape), limit, f"array '{short(name)}' of shape {v.shape}")
             unit = getattr(v, "units", b"")
-            found[name] = _held(_native(v[:]), unit.decode("latin-1") if isinstance(unit, bytes) else None)
+            found[name] = _held(_native(v[:]), (unit.decode("latin-1") if isinstance(unit, bytes) else "") or None)
         return found
 
 

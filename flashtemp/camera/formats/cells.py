@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from datetime import datetime
 
@@ -12,6 +13,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
 NO_VALUE = re.compile(r"(?:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*|)", re.IGNORECASE)
 UNIT = re.compile(r"\s*(?:°\s*[CF]|[CKF])$")
 MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
+DIGITS = frozenset("0123456789.+-eE")  # of which plain numbers are made
 EPOCH = datetime(1970, 1, 1)
 
 
@@ -35,10 +37,18 @@ def numeric(row: list[str]) -> int:
     return sum(is_number(c) or is_mark(c) for c in row)
 
 
+def mostly_numbers(row: list[str], most: int = 40) -> bool:
+    """Whether more than half of a row's first cells are numbers or marks."""
+    return numeric(row[:most]) > 0.5 * len(row[:most])
+
+
 def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
     """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
     if comma:
         rows = [[c.replace(",", ".") for c in row] for row in rows]
+    if not set("".join("".join(row) for row in rows)) - DIGITS:
+        with contextlib.suppress(ValueError):
+            return np.array(rows, dtype=float)
     return np.array([[_value(c) for c in row] for row in rows])
 
 

@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from flashtemp.camera.formats import png
 from flashtemp.camera.plausible import fits
 from flashtemp.camera.radiometry import CONSTANTS, NAMES, ObjectParameters, Planck, object_temperature
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, need
@@ -27,7 +28,7 @@ MAGIC = (b"FFF\0", b"AFF\0")
 HEADER, ENTRY, RAW_HEADER, INFO_LEAST = 64, 32, 32, 0x310
 COUNTS, INFO = 0x01, 0x20
 PADDING = 8  # bytes that a camera may leave out at the very end of a sequence
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+PNG, JPEG = png.START, b"\xff\xd8\xff"
 AGAIN = "copy it again or export it anew; what is there cannot be used"
 FLOATS = {  # record INFO: attribute, offset
     "emissivity": 0x20, "distance": 0x24, "reflected": 0x28, "air": 0x2C, "window_temperature": 0x30,
@@ -138,6 +139,7 @@ def counts(record: bytes, limit: float | None = None) -> np.ndarray:
         raise BadInput(f"an image of {columns} x {rows} pixels; {AGAIN}")
     fits(rows * columns, limit, f"an image of {columns} x {rows} pixels")
     if payload.startswith(PNG):
+        png.check(payload)
         return _smoother(_decoded(payload, (rows, columns), "png_decode", struct.unpack_from(">2I", payload, 16)))
     if payload.startswith(JPEG) and (size := _jpegls_size(payload)):
         return _decoded(payload, (rows, columns), "jpegls_decode", size)
@@ -195,7 +197,6 @@ class Info:
     camera: str
     clock: float | None
     fps: float | None
-    size: tuple[int, int]
 
 
 def info(record: bytes) -> Info:
@@ -212,7 +213,7 @@ def info(record: bytes) -> Info:
         values["humidity"] /= 100
     camera = record[0xD4:0xF4].split(b"\0")[0].decode("ascii", "replace").strip()
     fps = struct.unpack_from(order + "H", record, 0x464)[0] if len(record) >= 0x466 else 0
-    return Info(values, camera, _clock(record, order), float(fps) if fps else None, _size(record, order))
+    return Info(values, camera, _clock(record, order), float(fps) if fps else None)
 
 
 def _clock(record: bytes, order: str) -> float | None:
@@ -273,8 +274,6 @@ def read(
             continue
         record = _record(data, block, INFO, number)
         about, image = info(record), counts(_record(data, block, COUNTS, number), limit)
-        if about.size not in ((0, 0), image.shape[::-1]):
-            raise BadInput(f"frame {number} has {image.shape[::-1]} pixels and a calibration for {about.size}; {AGAIN}")
         if image.shape != (shape := shape or image.shape):
             raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {shape}; {AGAIN}")
         images.append(image)

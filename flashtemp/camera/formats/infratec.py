@@ -19,6 +19,7 @@ from flashtemp.physics.quantities import KELVIN
 MAGIC = b"\xffIRB\0"
 HEADER, ENTRY, IMAGE = 64, 32, 1
 PALETTE, CLOCK, PIXELS = 60, 1624, 1728  # offsets inside an image block
+UNEVEN = 0.2  # change from step to step of a palette, over the usual step: ten times that of a sound one
 DAY, EPOCH = 86400.0, 25569.0  # s; days from 1899-12-30 to 1970
 AGAIN = "copy it again or export it anew; what is there cannot be used"
 ASCII = "export it from IRBIS as ASCII (File, Export) and give that"
@@ -86,8 +87,9 @@ def _temperatures(image: bytes) -> np.ndarray:
     pixels = np.frombuffer(image, np.uint8, 2 * rows * columns, PIXELS).reshape(rows, columns, 2)
     fraction, index = pixels[..., 0] / 256.0, pixels[..., 1]
     steps = np.diff(palette, append=palette[-1])
-    if np.any(steps[index.min() : max(int(index.max()), 1)] <= 0):
-        raise BadInput(f"the palette of its temperatures does not rise: it is damaged; {AGAIN}")
+    used = steps[index.min() : max(int(index.max()), 1)]
+    if np.any(used <= 0) or np.any(np.abs(np.diff(used)) > UNEVEN * np.median(used)):
+        raise BadInput(f"the palette of its temperatures does not rise evenly: it is damaged; {AGAIN}")
     return palette[index] + fraction * steps[index] - KELVIN
 
 

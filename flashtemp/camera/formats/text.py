@@ -12,14 +12,14 @@ import numpy as np
 
 from flashtemp.camera import plausible
 from flashtemp.camera.formats import irbis
-from flashtemp.camera.formats.cells import cells, is_number, moment, numeric, parsed
+from flashtemp.camera.formats.cells import cells, is_number, moment, mostly_numbers, numeric, parsed
 from flashtemp.camera.raw_frames import Frames, celsius, linear
 from flashtemp.errors import BadInput
 from flashtemp.physics import bounded_reading
 
 SEPARATORS = {"\t": "TAB", ";": "';'", ",": "','", None: "spaces"}
 PER_BYTE = 25.0  # bytes of memory while a byte of text becomes numbers
-SAMPLE, SEEN = 20, 4000  # longest lines that tell the separator, and characters of each
+SAMPLE, SEEN = 20, 4000  # lines that tell the separator, and characters of each
 HEADER, LABEL = 200, 300  # lines of a header that are looked at, and characters of each
 UNIT = re.compile(
     r"(?:unit|einheit|temperatur)[^A-Za-z°]{0,10}[a-z]{0,12}[^A-Za-z°]{0,10}°?\s{0,3}(mK|C|K|F)\b", re.IGNORECASE
@@ -90,7 +90,7 @@ def _sniffed(lines: list[str], decimal: str | None, ended: bool):
     """Header lines, the block of data as cells, its separator, and whether commas are decimal."""
     separator = _separator(lines)
     split = [cells(line, separator) for line in lines]
-    wide = [k for k, c in enumerate(split) if len(c) > 1 and numeric(c) > 0.5 * len(c)]
+    wide = [k for k, c in enumerate(split) if len(c) > 1 and mostly_numbers(c)]
     counts = np.bincount([len(split[k]) for k in wide])
     columns = int(np.argmax(counts * np.arange(len(counts))))
     if separator is not None and _ends(split, wide, columns):  # a separator at the end of every line
@@ -108,23 +108,30 @@ def _sniffed(lines: list[str], decimal: str | None, ended: bool):
     for k in (*range(first), *range(first + len(rows), len(lines))):
         _no_part(split[k], k, columns, 0.5)
     comma = _decimal_comma(rows, separator, decimal)
-    if first + len(rows) == len(lines) and not ended:
+    if not ended and first + len(rows) == len(lines):
         _no_loose_end(rows, comma)
+    elif not ended and first + len(rows) == len(lines) - 1 and not any(c.isalpha() for c in lines[-1]):
+        raise BadInput(f"it ends with {lines[-1][:40]!r} and without a line end: cut off; {AGAIN}")
     return lines[:first], rows, separator, comma
 
 
 def _separator(lines: list[str]) -> str | None:
-    """What parts the longest lines into most numbers."""
-    longest = [line[:SEEN] for line in sorted((x for x in lines if x.strip()), key=len, reverse=True)[:SAMPLE]]
+    """What parts the lines with most digits, and some of all, into most numbers."""
+    filled = [line[:SEEN] for line in lines if line.strip()]
+    sample = [*sorted(filled, key=_digits, reverse=True)[:SAMPLE], *filled[:: max(1, len(filled) // SAMPLE)]]
 
     def clear(separator) -> int:
-        split = [cells(line, separator) for line in longest]
+        split = [cells(line, separator) for line in sample]
         return sum(n if (n := numeric(c)) > 0.5 * len(c) and len(c) > 1 else 0 for c in split)
 
     separator = max(SEPARATORS, key=clear)
     if not clear(separator):
         raise BadInput("no matrix of numbers in it; give a text file with one row of the image per line")
     return separator
+
+
+def _digits(line: str) -> int:
+    return sum(map(line.count, "0123456789"))
 
 
 def _ends(split: list[list[str]], wide: list[int], columns: int) -> bool:
@@ -135,7 +142,7 @@ def _ends(split: list[list[str]], wide: list[int], columns: int) -> bool:
 
 def _no_part(row: list[str], k: int, columns: int, share: float) -> None:
     """BadInput where a line beside the matrix is a part of it: numbers, as many as `share` of a row, but not a row."""
-    if len(row) > max(1.0, share * columns) and numeric(row) > 0.5 * len(row) and not _running(row):
+    if len(row) > share * columns and numeric(row) > 0.5 * len(row) and not _running(row):
         raise BadInput(
             f"line {k + 1} has {len(row)} values, others {columns}; the file is cut off or damaged, or holds"
             f" several images: {AGAIN}"

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from flashtemp.camera.formats import png
 from flashtemp.camera.plausible import fits
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, celsius, linear, need
 from flashtemp.errors import BadInput, short
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-PNG = b"\x89PNG\r\n\x1a\n"
+PNG = png.START
 PIECE = 4_000_000  # pixels that are turned into temperatures at a time
 AGAIN = "copy it again or export it anew and give that"
 NO_COLOURS = (
@@ -94,6 +95,7 @@ def read_png(data: bytes, scale=None, offset=None, limit: float | None = None) -
     if not 0 < rows * columns <= MOST_PIXELS:
         raise BadInput(f"PNG of {columns} x {rows} pixels; {AGAIN}")
     fits(rows * columns, limit, f"PNG of {columns} x {rows} pixels")
+    png.check(data)
     try:
         image = need("imagecodecs").png_decode(data)
     except BadInput:

@@ -114,7 +114,13 @@ def test_jacobian_is_exact(bench, name, shape):
 
 
 @pytest.mark.parametrize(
-    "names", [("friction_softening", "friction_moment", "wear"), ("spot_saturation", "wear", "edge_pressure")]
+    "names",
+    [
+        ("friction_softening", "friction_moment", "wear"),
+        ("spot_saturation", "wear", "edge_pressure"),
+        ("debris_film", "wear", "edge_pressure"),
+        ("micro_flash", "friction_softening", "wear"),
+    ],
 )
 def test_jacobian_is_exact_where_effects_meet(bench, names):
     """Friction tilts the holder and answers to the heat of the tilt; spots answer to the pressure that wear leaves."""
@@ -136,9 +142,12 @@ def test_linearisation_used_by_the_solver(bench, name, shape):
     check_findings(balance.linearisation(bench, TRIALS.get(name), shape))
 
 
-def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench):
-    fixed = RICH | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0}
-    for b, system, t, y, rng in states(bench.scene(TRIALS["wear"], values=fixed)):
+@pytest.mark.parametrize("beside", [(), ("debris_film",), ("micro_flash", "friction_softening")])
+def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench, beside):
+    fixed = RICH | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0, "wear.temperature": 0.02}
+    for b, system, t, y, rng in states(bench.scene(TRIALS["wear"], beside, fixed)):
+        if "debris_film" in beside:
+            y[b.worn] += 6.0  # a film has no negative thickness
         v = direction(b, smooth(b.scene.mesh, rng) - 8, rng)
         J, out = product(b, system, t, y, v), np.zeros(b.size)
         system.linearised(t, y, 1e-2).times(v, out)

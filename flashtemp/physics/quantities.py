@@ -32,7 +32,7 @@ class Site:
 
 
 PLACE, CONTACT = "x, y, `now.lead`", "x, y, contact fraction and its mean (not the pressure)"
-SPOTS = "T in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
+SPOTS = "T where rubber touches road in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
 ALONE = "nothing at all, `now` is None: a number"
 FRAME = "`now.recording`, and `now.repetition` of every frame"
 QUANTITIES: dict[str, Quantity] = {
@@ -53,7 +53,10 @@ QUANTITIES: dict[str, Quantity] = {
             "contact.spot_fraction", "1", "0", "macroasperity contact fraction",
             "x, y, local pressure, T of the face (`now.face`; None before there is one)",
         ),
-        Quantity("contact.resistance", "m2K/W", "0", "resistance in the spots", "x, y, local pressure"),
+        Quantity(
+            "contact.resistance", "m2K/W", "0", "resistance in the spots",
+            "x, y, local pressure, worn depth (`now.worn`; None where nothing wears)",
+        ),
         Quantity(
             "contact.heat_split", "1", "0", "share of the heat released on the block's side", "x, y, local pressure",
         ),
@@ -64,6 +67,10 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             "contact.flash_share", "1", "0", "what of it heat released at a depth keeps",
             f"{CONTACT}; the depth in m, a fourth argument of the law",
+        ),
+        Quantity(
+            "contact.micro_flash", "m2K/W", "0",
+            "rise where rubber touches over the mean of its spot, over its flux", "x, y, local pressure",
         ),
         Quantity("contact.cover", "1", "0", "share of every column that spots cover"),
         Quantity("contact.resolved", "1", "0", "1: the cover counts, 0: averages count"),

@@ -1,11 +1,11 @@
 """Fluxes into rubber and road where they touch, spots on average (Level H), eliminated between the two half-cells.
 
 Unknown per depth line is the flux J_R into the rubber per spot area; everything else follows.
-With T_m the rubber temperature inside the spots (theory 1.4 eqs. (9)-(12)):
-    T_m = T_0 + A J_R + c q,          A = phi h_R + R_flash,         c q = flash of the volumetric part
+With T_m the rubber temperature where it touches inside the spots (theory 1.4 eqs. (9)-(12)):
+    T_m = T_0 + A J_R + c q,   A = phi h_R + R_flash + R_micro,   c q = flash of the volumetric part
     J_R = g [(chi r + h_S) q_a - (T_0 - T_lane) - c q],        g = 1/(A + h_S + r)
 and q = m mu(T_m), m = p v/phi, closes it: one scalar equation per line, solved by Newton.  Of q the share F s(T_m) is
-released in depth (c = s(T_m) `deep`), the rest is q_a.
+released in depth (c = s(T_m) `deep`), the rest is q_a.  The spots' own mean is R_micro J_R below T_m.
 Where spots are resolved A = h_R, and block and road are heated through what is covered at the moment.
 """
 
@@ -26,10 +26,11 @@ class ContactState:
     """What the contact laws give along the block (lines,), apart from temperature.
 
     `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
-    `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W),
-    `lane` rise of the lanes in contact over that of the road's column, `widen` (n_road,) share of a column's rise in
-    each cell, deepest first, by which its surface falls below it as lanes widen, `fall` times as much in the lanes,
-    `split` chi, `inside` share F of the heat released in depth, `deep` flash of those deposits (m2 K/W).
+    `pressure` local nominal pressure (Pa), `r` = 1/alpha, without bound where the block lifts off, `flash` (m2 K/W) of
+    spots and `micro` of micro-contacts, `lane` rise of the lanes in contact over that of the road's column, `widen`
+    (n_road,) share of a column's rise in each cell, deepest first, by which its surface falls below it as lanes widen,
+    `fall` times as much in the lanes, `split` chi, `inside` share F of the heat released in depth, `deep` flash of
+    those deposits (m2 K/W).
     """
 
     m: np.ndarray
@@ -38,6 +39,7 @@ class ContactState:
     pressure: np.ndarray
     r: np.ndarray
     flash: np.ndarray
+    micro: np.ndarray
     lane: np.ndarray
     fall: np.ndarray
     widen: np.ndarray
@@ -57,7 +59,8 @@ class Fluxes(NamedTuple):
     heat: np.ndarray  # q, all friction heat per spot area
     deep: np.ndarray  # its part in depth
     mu: np.ndarray
-    spot: np.ndarray  # rubber temperature in the spots
+    touch: np.ndarray  # rubber temperature where it touches the road, which friction feels
+    spot: np.ndarray  # its mean in the spots: the same without micro-contacts
     lane: np.ndarray  # road surface temperature in the lanes
 
 
@@ -80,7 +83,7 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
-    A = state.half * half_block + state.flash
+    A = state.half * half_block + state.flash + state.micro
     g = 1.0 / (A + half_road + state.r)
     drop = T0 - Ts
     way = state.split * state.r + half_road
@@ -104,7 +107,7 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     deep = state.inside * s * q
     J = g * (way * (q - deep) - state.deep * s * q - drop)
     S = q - deep - J
-    out = Fluxes(J, S, q, deep, mu, T, Ts + half_road * S)
+    out = Fluxes(J, S, q, deep, mu, T, T - state.micro * J, Ts + half_road * S)
     if not slopes:
         return out, None
 
@@ -124,7 +127,8 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
     dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
-    return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), dT, dmu)
+    spot = tuple(d - state.micro * e for d, e in zip(dT, dJ, strict=True))
+    return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), spot, dmu)
 
 
 def _carried(at, mu, s, T):

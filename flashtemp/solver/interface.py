@@ -5,17 +5,17 @@ Pressure is consistent with load and moment at every instant; contact laws are t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux, kernels_2d, lanes
+from flashtemp.solver import contact_flux, lanes
+from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.winkler import Press, Response
+from flashtemp.solver.winkler import Press
 
 RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
@@ -44,7 +44,7 @@ class Recent:
     spread: tuple = ()
     way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
     memory: tuple = ()
-    spot: np.ndarray | None = None  # temperature (columns,) K in the spots
+    touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
     friction: float = 0.0  # load-weighted, where the holder turns
 
     def forget(self, when: tuple) -> None:
@@ -68,6 +68,7 @@ class Interface:
         block is lifted there are no fluxes.
         """
         b = self.b
+        now = now._replace(worn=worn if b.abrades else None)
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
         if b.expansion:
             free = free + b.foundation.stiffness * b.swelling(T)
@@ -79,7 +80,7 @@ class Interface:
         if not now.touching:
             return Contact(state, press)
         flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
-        self.recent.spot = np.real(flux.spot)
+        self.recent.touch = np.real(flux.touch)
         return Contact(state, press, flux, slope)
 
     def _pressed(self, now) -> np.ndarray:
@@ -145,7 +146,9 @@ class Interface:
             now = now._replace(face=T[self.b.cell_block] + self.b.scene.ambient)
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
-        r, split = (laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split"))
+        r, split, micro = (
+            laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_flash")
+        )
         last = recent.fraction
         if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
             covered = phi @ mesh.column_area / mesh.column_area.sum()
@@ -158,7 +161,7 @@ class Interface:
         speed = now.speed if now.touching else 0.0
         state = contact_flux.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
+            flash=flash, micro=micro, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
             block=phi, road=phi / self.b.share, half=phi,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
@@ -240,7 +243,7 @@ class Interface:
             b.half_road / kf[b.cell_road],
             law("friction.mu", 0.0),
             law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
-            self.recent.spot,
+            self.recent.touch,
             slopes,
         )
 
@@ -250,78 +253,39 @@ class Interface:
         at = self.at(state, now)._replace(friction=flux.mu)
         return now.speed * self.b.laws("block.abrasion", 0.0, flux.spot, at) * np.ones(len(at.x))
 
-    def abrasion_coupling(self, contact: Contact, now, T, T_in, kf, gamma: float) -> AbrasionCoupling:
-        """Around a contact with slopes, at rises T (cells,), for the preconditioner of I - gamma J."""
-        b, area, flux, d = self.b, self.b.scene.mesh.column_area, contact.flux, contact.slopes
+    def abrasion_coupling(self, contact: Contact, now, worn, T, T_in, kf, gamma: float) -> AbrasionCoupling:
+        """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""
+        b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
-        state = self.state(now, contact.press.pressure + 1j * STEP, T)
-        pressed, _ = self.fluxes(state, now, T, T_in, kf)
-        road = pressed.into_road * area
-        abrasion = _slope(self.abrasion_rate(state, pressed, now))
+        now = now._replace(worn=worn if b.abrades else None)
+        pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, T_in, kf)
+        seen = self.at(contact.state, now._replace(worn=worn + 1j * STEP if b.abrades else None))
+        thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
+        deeper = replace(contact.state, r=contact.state.r + thicker) if np.any(thicker) else None
         spot, mu = (
-            _slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
+            slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))
         )
         response = b.foundation.response(contact.press)
         return AbrasionCoupling(
             b,
-            face=_slope(state.block * pressed.into_block * area),
-            deep=_slope(state.block * pressed.deep * area),
-            road=_slope(state.road * road),
-            books=(_slope(state.block * pressed.heat * area), _slope(state.block * road)),
-            abrasion=abrasion,
+            pressed,
+            None if deeper is None else self._answer(deeper, now, T, T_in, kf),
             warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             response=response,
-            undo=response.solver(gamma * abrasion),
+            undo=response.solver(gamma * pressed.abrasion),
         )
 
-
-def _slope(values) -> np.ndarray:
-    """The derivative that a complex step carried along."""
-    return np.imag(values) / STEP
-
-
-@dataclass(frozen=True)
-class AbrasionCoupling:
-    """The linearised way from abrasion, and from swelling, to pressure to heat, and back: for Newton's method.
-
-    Its preconditioner leaves out what swelling does.
-
-    Slopes with local pressure (columns,): `face` of the heat into the block's face, `deep` in depth, `road` into the
-    road's cells, `books` of friction and of all heat into the road (W/m), `abrasion` of its rate; `warm` slopes of that
-    rate with the temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r.
-    """
-
-    b: Balance
-    face: np.ndarray
-    deep: np.ndarray
-    road: np.ndarray
-    books: tuple[np.ndarray, np.ndarray]
-    abrasion: np.ndarray
-    warm: tuple[Any, ...]
-    response: Response
-    undo: Callable[[np.ndarray], np.ndarray]
-
-    def pressure(self, worn: np.ndarray, T: np.ndarray | None = None) -> np.ndarray:
-        """Change of pressure (columns,) Pa by changes of the worn depth in the state and of T (cells,) K."""
-        depth = worn * self.b.worn_unit
-        return self.response(depth if T is None or not self.b.expansion else depth - self.b.swelling(T))
-
-    def heated(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
-        """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""
-        return self.warm[0] * block + self.warm[1] * lane
-
-    def add(self, dp: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:
-        """Add what a change of pressure dp (columns,) does to the rate of cells, worn depth and ledger."""
-        b = self.b
-        heat = np.zeros(b.n)
-        heat[b.cell_block] = scale * self.face * dp
-        heat[b.cell_road] = scale * self.road * dp
-        if len(b.weight):
-            kernels_2d.deposit(b.deep_cells, b.weight, scale * self.deep * dp, heat)
-        mesh = b.scene.mesh
-        mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
-        out[b.worn] += scale / b.worn_unit * self.abrasion * dp
-        for name, slope in zip(("friction", "into_road"), self.books, strict=True):
-            out[b.entry[name]] += scale * (slope @ dp)
+    def _answer(self, state, now, T, T_in, kf) -> Answer:
+        """How heat and abrasion follow what has a complex step in the state."""
+        flux, _ = self.fluxes(state, now, T, T_in, kf)
+        area = self.b.scene.mesh.column_area
+        road = flux.into_road * area
+        return Answer(
+            face=slope(state.block * flux.into_block * area),
+            deep=slope(state.block * flux.deep * area),
+            road=slope(state.road * road),
+            books=(slope(state.block * flux.heat * area), slope(state.block * road)),
+            abrasion=slope(self.abrasion_rate(state, flux, now)),
+        )

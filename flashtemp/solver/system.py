@@ -10,9 +10,10 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.solver import conduction, kernels_2d, lanes
+from flashtemp.solver.abrasion import AbrasionCoupling
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.contact_flux import ContactState
-from flashtemp.solver.interface import AbrasionCoupling, Contact, Interface
+from flashtemp.solver.interface import Contact, Interface
 
 
 class Incoming(NamedTuple):
@@ -148,7 +149,7 @@ class System:
         return Linearised(
             b, gamma, stretch, joined, contact.state, books,
             self.solid.linearised(gamma, kf, carry, stretch, slopes, joined),
-            self.interface.abrasion_coupling(contact, now, T, T_in, kf, gamma) if worn else None,
+            self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, T_in, kf, gamma) if worn else None,
         )  # fmt: skip
 
 
@@ -227,7 +228,7 @@ class Linearised:
         if self.coupling is not None:
             w = self.coupling
             out[b.worn] = w.heated(T[b.cell_block], lane)
-            w.add(w.pressure(v[b.worn], T), out)
+            w.add(v[b.worn], out, T=T)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
         """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""
@@ -235,7 +236,7 @@ class Linearised:
         T, w = z[:n], self.coupling
         if w is not None:  # abrasion first: it moves the pressure, and that the heat
             r = r.copy()
-            w.add(w.pressure(w.undo(r[b.worn])), r, self.gamma)
+            w.add(w.undo(r[b.worn]), r, self.gamma)
         z[n:] = r[n:]
         self.solid.solve(r[:n], T)
         for name, (index, weight) in self.rows.items():

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.special import j0, jn_zeros, jv
 
+from flashtemp.errors import BadInput
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import Settings, choose
@@ -234,3 +235,26 @@ def test_air_carries_heat_to_road_that_comes_in_cold(lab, speed, height):
     left = RUBBER.volumetric_capacity * bodies[0][1] @ (30.0 - T[: first[1]])
     print(f"{lost:.1f} of {left:.1f} J/m2")
     assert lost == pytest.approx(left, rel=5e-3)
+
+
+# --- wear ------------------------------------------------------------------------------------------
+def test_wear_by_the_literature_is_fourfold_in_100_K(lab, tmp_path):
+    """The worn depth of a block that slides at 100 K over ambient, over that of a cold one: no friction, no heat."""
+    wear, values = acting("wear", rate=1e-9, energy=0.0, temperature="literature")
+    values = wear.prepare({k: p.value for k, p in wear.params().items()} | values, tmp_path)
+    scene = lab.scene(block_on_road(), lab.APART, lab.number("friction.mu", 0.0), (wear, values), time=0.5)
+    balance = Balance(scene)
+    system, worn = System(balance, scene.schedule.phases[0]), []
+    for warm in (0.0, 100.0):
+        y, out = balance.initial(), np.zeros(balance.size)
+        y[scene.mesh.block.ravel()] = warm
+        system.rate(0.2, y, out)
+        worn.append(out[balance.worn])
+    np.testing.assert_allclose(worn[1] / worn[0], 4.0, rtol=1e-9)
+
+
+def test_wear_knows_one_word_for_its_temperature(lab):
+    with pytest.raises(BadInput, match=r'wear.temperature: \'hot\'; give a number \(1/K\) or "literature"'):
+        lab.case(effects=["wear"], wear__temperature="hot")
+    with pytest.raises(BadInput, match="wear.temperature"):
+        lab.case(effects=["wear"], wear__temperature=0.5)

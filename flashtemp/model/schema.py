@@ -241,7 +241,7 @@ def _one_of(names: tuple[str, ...], said: str) -> Callable[[Param, Any], str | N
 KINDS: dict[str, Kind] = {  # where a key may be of several kinds, the first that a value is meant as judges it
     "flag": Kind(_any, lambda param, value: None if isinstance(value, bool) else "give true or false"),
     "whole": Kind(_any, _whole),
-    "name": Kind(_any, lambda param, value: None if isinstance(value, str) and value else "give a name in quotes"),
+    "name": Kind(_text, lambda param, value: None if value else "give a name in quotes"),
     "binding": Kind(
         _any,
         _one_of(("auto", "scikits-odes", "scikit-sundae"), 'give "auto", "scikits-odes" or "scikit-sundae"'),
@@ -255,7 +255,11 @@ KINDS: dict[str, Kind] = {  # where a key may be of several kinds, the first tha
 }
 
 
-SAID = {"text": "give the name of a file in quotes", "table": "give a list of numbers or rows"}
+SAID = {
+    "name": "give a name in quotes",
+    "text": "give the name of a file in quotes",
+    "table": "give a list of numbers or rows",
+}
 
 
 def fault(param: Param, value: Any) -> str | None:

@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     spot_fraction: Any = None  # macroasperity contact fraction at x
     covered: Any = None  # macroasperity contact fraction, mean over the block's length
     friction: Any = None  # friction coefficient at x
-    worn: Any = None  # m worn at x; None where the block does not wear
+    worn: Any = None  # m worn at x; None where nothing is abraded
     face: Any = None  # temperature of the block's face averaged over the passage of spots, K; for laws of the contact
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell

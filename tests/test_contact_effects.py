@@ -43,7 +43,7 @@ def sides(lab, effect, speed=0.1):
     scene = lab.scene(block_on_road(), effect, speed=speed)
     laws, now = Balance(scene).laws, scene.moment(scene.schedule.phases[0], scene.schedule.end)
     now = now._replace(x=np.zeros(1), local_pressure=np.full(1, 1e5))
-    return tuple(laws(f"contact.{name}", 0.0, None, now) for name in ("micro_flash", "resistance"))
+    return tuple(laws(f"contact.{name}", 0.0, None, now) for name in ("micro_resistance", "resistance"))
 
 
 def at_the_end(lab, scene):

@@ -69,7 +69,7 @@ QUANTITIES: dict[str, Quantity] = {
             f"{CONTACT}; the depth in m, a fourth argument of the law",
         ),
         Quantity(
-            "contact.micro_flash", "m2K/W", "0",
+            "contact.micro_resistance", "m2K/W", "0",
             "rise where rubber touches over the mean of its spot, over its flux", "x, y, local pressure",
         ),
         Quantity("contact.cover", "1", "0", "share of every column that spots cover"),

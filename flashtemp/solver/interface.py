@@ -147,7 +147,7 @@ class Interface:
         phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
         phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
         r, split, micro = (
-            laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_flash")
+            laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
         last = recent.fraction
         if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):

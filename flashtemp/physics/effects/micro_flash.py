@@ -50,5 +50,5 @@ class MicroFlash(Effect):
             disc = 1.22 * 0.5 * d / (rubber.conductivity * np.sqrt(np.pi * (0.6575 + peclet)))
             return p.strength * (1.0 - s) / s * disc
 
-        yield Term("contact.micro_flash", rise)
+        yield Term("contact.micro_resistance", rise)
         yield Term("contact.resistance", lambda T, now, p: resting)

@@ -11,7 +11,7 @@ _PUBLIC = {
     "api.inputs": ["load"],
     "api.drawing": ["draw"],
     "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
-    "api.studies": ["sweep", "converge", "repetitions", "wait"],
+    "api.studies": ["sweep", "converge", "repetitions", "wait", "sensitivity"],
     "api.camera": ["import_recording", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
     "api.friction": ["friction", "loads", "tread", "tyre", "spots", "spectrum"],
@@ -25,9 +25,9 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
-    "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "simulate", "spectrum",
-    "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads",
+    "open_campaign", "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
+    "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
 ]  # fmt: skip
 
 if TYPE_CHECKING:  # for editors and type checkers, which run nothing
@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.api.friction import friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
-    from flashtemp.api.studies import converge, repetitions, sweep, wait
+    from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait
     from flashtemp.comparison.campaign import Campaign
     from flashtemp.discovery.verdict import Verdict
     from flashtemp.errors import BadInput, SolverFailure

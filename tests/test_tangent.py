@@ -11,11 +11,13 @@ import pytest
 
 from flashtemp.discovery.deviations import with_scatter
 from flashtemp.model import numerics
+from flashtemp.model.build import first_cells
 from flashtemp.model.case import assemble
 from flashtemp.model.case_file import Places
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Move, explore
+from flashtemp.solver.stretching import stretched
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "road.track_length": 0.1, "schedule.distance": 0.2,
@@ -309,3 +311,51 @@ def test_another_mesh_is_refused(other):
 def test_another_schedule_is_refused(other):
     with pytest.raises(ValueError, match="schedule"):
         explore(scene({}), asked({}), {"other": Move(scene(other), 1e-3)})
+
+
+# --- neighbours with a longer block, a slower test ---------------------------------------------------
+STRETCHES = ("block.length", "block.height", "schedule.speed", "schedule.distance", "schedule.wait")
+SHOWN = ("T_block", "T_spot", "friction")
+LEAST = {"profiles": 1.0, "split": 0.02}  # K and share of the heat for a change by the key's own size: less is faint
+
+
+def last(run):
+    """What a run shows at its end, by share of the block's length, and where its heat went."""
+    shown = [np.atleast_1d(getattr(run, name)[run.last]) for name in SHOWN]
+    return np.concatenate([*shown, [run.budget[k] / run.budget["friction"] for k in ("block", "road", "air")]])
+
+
+def check_stretched(given, keys, share, bound):
+    """Traces against central differences of full marches on meshes that are stretched alike."""
+    base = case(given)
+    pins = first_cells(base.scene, base.values["numerics"]) | {"road.depth": 0.01}
+    plain = base.with_values(pins)
+
+    def other(key, factor):
+        return plain.with_values({key: plain[key] * factor}).scene
+
+    moves = {k: Move(other(k, 1.001), 0.001, stretched=True) for k in keys}
+    hood = explore(plain.scene, plain.settings, moves, "", (), True)
+    tight = replace(plain.settings, rtol=1e-7, atol=1e-6, order=5)
+    for key in keys:
+        scenes = [other(key, f) for f in (1 - share, 1 + share)]
+        a, b = (last(march(replace(s, mesh=stretched(plain.scene, s)), tight)) for s in scenes)
+        expected, found = (b - a) / (2 * share), hood.slope(last, key)
+        for what, at in (("profiles", slice(None, -4)), ("split", slice(-3, None))):
+            error = rms(found[at] - expected[at]) / max(rms(expected[at]), LEAST[what])
+            print(f"{key} {what}: {error:.4f}")
+            assert error <= bound, f"{key}: {what}: {error:.4f}"
+
+
+def test_trace_of_a_longer_block_and_a_slower_test():
+    check_stretched({}, STRETCHES, 0.02, 0.03)
+
+
+def test_trace_of_a_longer_test_with_laps_that_are_remembered():
+    check_stretched(ROUND, ("schedule.speed", "road.track_length", "schedule.distance"), 0.02, 0.05)
+
+
+def test_another_number_of_cells_or_repetitions_is_no_neighbour():
+    for other in ({"numerics.mesh": 0.35}, {"schedule.repetitions": 3}, {"schedule.wait": 0.0}):
+        with pytest.raises(ValueError, match="neighbour needs"):
+            explore(scene({}), asked({}), {"other": Move(scene(other), 1e-3, stretched=True)})

@@ -12,11 +12,12 @@ EARLIER = 4  # faint curves at most
 
 
 @theme.styled
-def draw(run, road: bool | None = None) -> Figure:
+def draw(run, road: bool | None = None, bands=None) -> Figure:
     """Temperature (degC) against distance from the leading edge (mm) at the end of the last repetition.
 
     Red: in the macroasperity contact regions; green: averaged across y; faint: ends of earlier
-    repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.
+    repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.  `bands`
+    {"T_spot", "T_block": 95 % band over (time, x)}: shaded.
     """
     fig = theme.figure(run.title, theme.NARROW, 4.0)
     ax = fig.add_subplot()
@@ -32,6 +33,10 @@ def draw(run, road: bool | None = None) -> Figure:
     if road or (road is None and _differs(run, k)):
         ax.plot(x, run.T_road[k], color=theme.ROAD, lw=0.8, ls="--", label="road in the lanes")
         shown.append(run.T_road[k])
+    for name, colour in (("T_spot", theme.SPOT), ("T_block", theme.BLOCK)) if bands else ():
+        band = bands[name]
+        ax.fill_between(x, band.low[k], band.high[k], color=colour, alpha=0.18, lw=0, label="95 % of what may be")
+        shown += [band.low[k], band.high[k]]
     if len(earlier):
         ax.plot([], [], color=theme.AMBIENT, lw=0.6, alpha=0.6, label=_earlier_label(run, earlier))
     ambient = f"ambient, {theme.number(run.ambient_degC)} {theme.DEGREE}"

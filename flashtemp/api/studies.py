@@ -1,4 +1,4 @@
-"""Studies that march a case more than once: sweep, converge, repetitions, wait."""
+"""Studies that march a case more than once: sweep, converge, repetitions, wait, sensitivity."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any, Literal
 from flashtemp.api.inputs import Count, Overrides, Say, case_of, silent, uncounted
 from flashtemp.api.pictures import drawing
 from flashtemp.model.case import Case
-from flashtemp.runs import convergence, running_in, wait_time
+from flashtemp.runs import convergence, prediction_band, running_in, wait_time
 from flashtemp.runs import sweep as sweeps
 from flashtemp.runs.convergence import Convergence
+from flashtemp.runs.folders import wanted
 from flashtemp.runs.running_in import Settling
+from flashtemp.runs.sensitivity_result import Sensitivity
 from flashtemp.runs.sweep import Sweep, Swept
 from flashtemp.runs.wait_time import Waiting
 
@@ -79,3 +81,35 @@ def wait(
     Raises BadInput, SolverFailure.
     """
     return wait_time.shortest(case_of(case, overrides), below, of, say)
+
+
+def sensitivity(
+    case: str | Path | Case,
+    keys: Sequence[str] | None = None,
+    overrides: Overrides | None = None,
+    *,
+    samples: int | None = None,
+    linear: bool = False,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    watch: Count = uncounted,
+    say: Say = silent,
+) -> Sensitivity:
+    """What every input does to a prediction, and how sure it is: shares of the variance, 95 % bands, signs.
+
+    `keys`: inputs of which a standard deviation is stated or usual, all of them when not given.  `samples`: runs of a
+    Latin hypercube, without it only where the linear part does not hold; `linear`: traces alone, untried.
+    `out`: folder for the case, numbers, run.nc and profile.png with bands.  Raises BadInput, SolverFailure.
+    """
+    loaded = case_of(case, overrides)
+    with wanted(out) as work:
+        found = prediction_band.study(loaded, keys, samples, linear, workers, scheduler, watch, say)
+        if work is not None:
+            from flashtemp.viz import profile
+            from flashtemp.viz import sensitivity as picture
+
+            found.save(work)
+            picture.draw(found).savefig(work / "sensitivity.png")
+            profile.draw(found.run, bands=found.bands).savefig(work / "profile.png")
+    return found

@@ -16,7 +16,8 @@ app = App(
 )
 COMMANDS = (
     simulate.run, studies.sweep, simulate.draw, simulate.view, simulate.check, studies.converge, effects.effects,
-    studies.repetitions, studies.wait, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+    studies.repetitions, studies.wait, studies.sensitivity,
+    campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads,
 )  # fmt: skip
 for _command in COMMANDS:

@@ -1,11 +1,22 @@
-"""Commands that march a case more than once: sweep, converge, repetitions, wait."""
+"""Commands that march a case more than once: sweep, converge, repetitions, wait, sensitivity."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from flashtemp.cli.terminal import DONE, FAILED, Json, Trust, counter, emit, finished, teller
+from flashtemp.cli.terminal import (
+    DONE,
+    FAILED,
+    Json,
+    Switch,
+    Trust,
+    counter,
+    emit,
+    finished,
+    result_folder,
+    teller,
+)
 
 
 def sweep(
@@ -119,4 +130,51 @@ def wait(
 
     result = studies.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=teller(json))
     emit(result.as_dict(), json, str(result))
+    return DONE
+
+
+def sensitivity(
+    case: str,
+    /,
+    *keys: str,
+    out: Path | None = None,
+    samples: int | None = None,
+    linear: Annotated[bool, Switch] = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> int:
+    """What every input does to T(x), T_spot, friction and the split of the heat, and how sure the prediction is.
+
+    An input is known as the case says (key = { value = ..., sd = ... }), or as is usual.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file.
+    keys
+        Inputs that are uncertain, all with a standard deviation when not given; table.key=value changes the case.
+    out
+        Result folder; results/CASE-sensitivity when not given.
+    samples
+        Runs of a Latin hypercube; when not given it is drawn only where the linear part does not hold.
+    linear
+        Traces alone: the linear part is not tried, and nothing is sampled.
+    workers
+        Processes that share the runs; as many as there are cores when not given.
+    scheduler
+        Address of a running Dask scheduler whose workers share them instead.
+    """
+    from flashtemp.api import inputs, studies
+
+    changes, chosen = [k for k in keys if "=" in k], [k for k in keys if "=" not in k]
+    loaded = inputs.load(case, changes, trust=trust)
+    folder = result_folder(out, f"{loaded.name}-sensitivity")
+    with counter(loaded.name) as watch:
+        found = studies.sensitivity(
+            loaded, chosen or None, samples=samples, linear=linear, out=folder, workers=workers, scheduler=scheduler,
+            watch=watch, say=teller(json),
+        )  # fmt: skip
+    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
     return DONE

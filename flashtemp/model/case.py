@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ class Case(Shown):
     """A validated case: `values` {table: {key: value}} with every default, and where it came from.
 
     `folder` is where relative file names are looked up; `own` are effects from files of the case's own, and `trust`
-    says whether the user lets any such file run.
+    says whether the user lets any such file run.  `priors` are the standard deviations that the case states, by key.
     """
 
     title: str
@@ -41,6 +41,7 @@ class Case(Shown):
     free: tuple[str, ...] = ("friction.mu",)
     own: tuple[OwnEffect, ...] = ()
     trust: bool = False
+    priors: dict[str, float] = field(default_factory=dict)
 
     @cached_property
     def known(self) -> Mapping[str, type[Effect]]:
@@ -124,6 +125,9 @@ class Case(Shown):
             out["candidates"] = [paths.get(n, n) for n in self.candidates]
         for table, values in self.values.items():
             kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
+            kept |= {
+                k: {"value": v, "sd": self.priors[n]} for k, v in kept.items() if (n := f"{table}.{k}") in self.priors
+            }
             if table.startswith("materials."):
                 out.setdefault("materials", {})[table.split(".", 1)[1]] = kept
             elif kept:
@@ -196,7 +200,7 @@ def assemble(
     free, title = reader.free(raw, values), reader.title(raw, name)
     if reader.faults:
         raise BadInput(*reader.faults)
-    case = Case(title, values, effects, folder, name, candidates, free, own, trust)
+    case = Case(title, values, effects, folder, name, candidates, free, own, trust, reader.priors)
     try:
         _ = case.scene, case.settings
     except BadInput as fault:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput, nearest, short
+from flashtemp.model import priors
 from flashtemp.model.schema import APART, MATERIAL, TABLES, declared, fault
 from flashtemp.physics.effect import Effect, Param
 
@@ -107,7 +108,9 @@ def merge(raw: Table, given: Table, by: str) -> Table:
             at = at.setdefault(step, {})
             if not isinstance(at, dict):
                 raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
-        at[last] = value
+        held = at.get(last)  # another value is known as well as the one that it replaces
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        at[last] = held | {"value": value} if number and isinstance(held, dict) and priors.stated(held) else value
     return out
 
 
@@ -123,11 +126,15 @@ def own_files(raw: Table) -> list[str]:
 
 @dataclass(frozen=True)
 class Reader:
-    """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far."""
+    """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far.
+
+    `priors`: standard deviations that the case states, by key.
+    """
 
     known: Known
     where: Places
     faults: list[str] = field(default_factory=list)
+    priors: dict[str, float] = field(default_factory=dict)
 
     def fault(self, key: str, said: str) -> None:
         """Note what is wrong with a key, after the place where it stands."""
@@ -189,13 +196,23 @@ class Reader:
                 if param.value is None and keys is MATERIAL:
                     self.fault(table, f"{key} is missing; give it in {param.unit}")
                 continue
-            value = given[key]
+            value = self._plain(table, key, param, given[key])
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:
                 value = float("inf")
             if said := fault(param, value):
                 self.fault(f"{table}.{key}", f"{short(repr(value))}; {said}")
             out[key] = value
         return out
+
+    def _plain(self, table: str, key: str, param: Param, given: Any) -> Any:
+        """The value itself of what a case gives as { value, sd }, whose sd is noted."""
+        if not priors.stated(given):
+            return given
+        if said := priors.fault(param, table, given):
+            self.fault(f"{table}.{key}", said)
+            return param.value
+        self.priors[f"{table}.{key}"] = float(given["sd"])
+        return given["value"]
 
     def free(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
         """The keys that a fit may move; friction.mu where the case does not say."""

@@ -204,14 +204,24 @@ def carry_out(
 
     Every point is kept in its own file as soon as it is there; Ctrl-C is seen then.  Raises OSError, SolverFailure.
     """
-    files = [] if work is None else [work / POINTS / f"{_name(p)}.npz" for p in sweep.points]
+    found, failed = computed(point, sweep.points, work, workers, scheduler, watch)
+    return Swept(sweep, _gather(sweep, found), failed)
+
+
+def computed(
+    function: Callable[[cases.Case], dict[str, np.ndarray]], points: Sequence[cases.Case], work: Path | None = None,
+    workers: int | None = None, scheduler: str | None = None,
+    watch: Callable[[int, int], Any] = lambda done, total: None,
+) -> tuple[list[dict[str, np.ndarray] | None], dict[int, str]]:  # fmt: skip
+    """Arrays that a `function` gives of every case, None where it fails, and {number: why}; as in `carry_out`."""
+    files = [] if work is None else [work / POINTS / f"{_name(p)}.npz" for p in points]
     kept = {i: _held(file) for i, file in enumerate(files)}
     found: dict[int, Any] = {i: point for i, point in kept.items() if point is not None}
-    todo, count = [i for i in range(len(sweep.points)) if i not in found], len(sweep.points)
+    todo, count = [i for i in range(len(points)) if i not in found], len(points)
     failed: dict[int, str] = {}
     watch(count - len(todo), count)
     with stoppable() as stopped:
-        for n, (k, answer) in enumerate(stream(point, [sweep.points[i] for i in todo], workers, scheduler), 1):
+        for n, (k, answer) in enumerate(stream(function, [points[i] for i in todo], workers, scheduler), 1):
             if isinstance(answer, FlashtempError):
                 failed[todo[k]] = str(answer)
             else:
@@ -221,7 +231,7 @@ def carry_out(
             watch(count - len(todo) + n, count)
             if stopped.is_set() and n < len(todo):
                 raise KeyboardInterrupt if work is None else Interrupted(work, "the same command")
-    return Swept(sweep, _gather(sweep, [found.get(i) for i in range(count)]), failed)
+    return [found.get(i) for i in range(count)], failed
 
 
 @contextmanager

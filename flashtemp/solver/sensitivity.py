@@ -13,14 +13,17 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
+from flashtemp.model.schedule import Phase
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
 from flashtemp.solver.march import Path, march
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
+from flashtemp.solver.stretching import phase_of, stretched
 from flashtemp.solver.system import Linearised, System
 from flashtemp.solver.turning import renew
 
@@ -33,11 +36,16 @@ KEPT = ("place", "time", "mean", "lane", "own")  # what a track remembers
 
 @dataclass(frozen=True)
 class Move:
-    """A scene with one parameter moved by `step`; nothing differs before the time `since` (s)."""
+    """A scene with one parameter moved by `step`; nothing differs before the time `since` (s).
+
+    `stretched`: block and schedule may be longer or shorter than the run's; cells and records are then those at the
+    same share of the block's length and height, and of each repetition and wait.
+    """
 
     scene: Scene
     step: float
     since: float = 0.0
+    stretched: bool = False
 
 
 Name = TypeVar("Name", bound=Hashable)
@@ -76,63 +84,86 @@ def explore(
 
 
 class _Neighbour:
-    """One moved scene beside the run: its difference `s` (cells and worn depth) per unit of the parameter."""
+    """One moved scene beside the run: its difference `s` (cells, worn depth, ledger) per unit of the parameter."""
 
-    def __init__(self, base: Balance, scene: Scene, step: float, since: float):
-        if not all(np.array_equal(getattr(scene.mesh, k), getattr(base.scene.mesh, k)) for k in ("x", "thickness")):
-            raise ValueError("a neighbour needs the mesh of the run")
-        if scene.schedule.end != base.scene.schedule.end:
-            raise ValueError("a neighbour needs the schedule of the run")
-        self.scene = replace(scene, mesh=base.scene.mesh, schedule=replace(scene.schedule, lap=base.scene.schedule.lap))
-        self.balance, self.step, self.since = Balance(self.scene), step, since
+    def __init__(self, base: Balance, move: Move):
+        scene, plain = move.scene, base.scene
+        mesh = stretched(plain, scene) if move.stretched else _same(plain, scene)
+        self.scene = replace(scene, mesh=mesh, schedule=replace(scene.schedule, lap=plain.schedule.lap))
+        self.plain, self.as_one = plain.schedule, not move.stretched
+        self.balance, self.step, self.since = Balance(self.scene), move.step, move.since
         start, own, m = base.initial(), self.balance.initial(), base.worn.stop
-        self.m, self.s = m, np.zeros(m)
-        if step:
-            self.s = (own[:m] - start[:m]) / step
+        self.m, self.s = base.size if self.balance.ledger == base.ledger else m, np.zeros(m)
+        if self.step:
+            self.s = (own[:m] - start[:m]) / self.step
+        self.s = np.append(self.s, np.zeros(base.size - m))
         self.now = Progress(y=own, left=np.zeros(2), track=None)
         if remembers(scene):
             self.now.track = track_of(self.scene, scene.schedule.lap)
 
     def state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """The neighbour's own state beside a state of the run; its ledger is not kept."""
-        own = np.zeros(self.balance.size)
-        own[: self.m] = y[: self.m] + self.step * s
+        """The neighbour's own state beside a state of the run; a ledger of other entries than the run's is not kept."""
+        own, m = np.zeros(self.balance.size), self.m
+        own[:m] = y[:m] + self.step * s[:m]
         return own
 
-    def during(self, phase) -> _During:
-        """The neighbour during one phase of the schedule."""
-        system = System(self.balance, phase, inflow(self.balance, phase, self.now.track))
-        return _During(self, system, np.zeros(self.balance.size))
+    def phase(self, phase: Phase) -> Phase:
+        """The neighbour's own phase at the time of one of the run."""
+        return phase if self.as_one else phase_of(phase, self.plain, self.scene.schedule)
 
-    def renew(self, before, phase, y, s) -> np.ndarray:
-        """The state (cells and worn depth) after the road was made new, or the block turned to slide back."""
+    def during(self, phase: Phase) -> _During:
+        """The neighbour during one phase of the run's schedule."""
+        own = self.phase(phase)
+        pace = 1.0 if self.as_one else (own.end - own.begin) / (phase.end - phase.begin)
+        system = System(self.balance, own, inflow(self.balance, own, self.now.track))
+        return _During(self, system, np.zeros(self.balance.size), phase.begin, pace)
+
+    def renew(self, before: Phase, phase: Phase, y, s) -> np.ndarray:
+        """The state after the road was made new, or the block turned to slide back."""
         self.now.y = self.state(y, s)
-        renew(self.balance, before, phase, self.now)
+        renew(self.balance, self.phase(before), self.phase(phase), self.now)
         return self.now.y[: self.m]
 
     def run(self, title: str) -> Run:
         return finish(self.balance, self.now, title)
 
 
+def _same(plain: Scene, scene: Scene) -> Mesh:
+    """The mesh of the run for a neighbour that has the same, and its schedule.  Raises ValueError."""
+    if not all(np.array_equal(getattr(scene.mesh, k), getattr(plain.mesh, k)) for k in ("x", "thickness")):
+        raise ValueError("a neighbour needs the mesh of the run")
+    if scene.schedule.end != plain.schedule.end:
+        raise ValueError("a neighbour needs the schedule of the run")
+    return plain.mesh
+
+
 @dataclass(frozen=True)
 class _During:
-    """A neighbour `of` a run during one phase, with room `out` for its rates."""
+    """A neighbour `of` a run in one phase, with room `out` for rates; its clock goes at `pace` since `begin`."""
 
     of: _Neighbour
     system: System
     out: np.ndarray
+    begin: float
+    pace: float
+
+    def clock(self, t: float) -> float:
+        """The neighbour's own time (s)."""
+        return t if self.of.as_one else self.system.phase.begin + self.pace * (t - self.begin)
 
     def rate(self, t: float, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Rates of cells and worn depth."""
-        self.system.rate(t, self.of.state(y, s), self.out)
+        """Rates of cells, worn depth and ledger, per time of the run."""
+        self.system.rate(self.clock(t), self.of.state(y, s), self.out)
+        if not self.of.as_one:
+            self.out[:] *= self.pace
         return self.out[: self.of.m]
 
     def record(self, t, y, s, frame: bool) -> None:
-        record(self.system, t, self.of.state(y, s), self.of.now, frame, float)
+        record(self.system, self.clock(t), self.of.state(y, s), self.of.now, frame, float)
 
     def leave(self, t, y, s) -> None:
         if self.of.now.track is not None:
-            leave(self.system, t, self.of.state(y, s), self.of.now.track)
+            leave(self.system, self.clock(t), self.of.state(y, s), self.of.now.track)
 
 
 class Neighbours:
@@ -141,8 +172,7 @@ class Neighbours:
     def __init__(self, scene: Scene, moves: Mapping[Any, Move], asked: frozenset[float], dense: bool):
         base = Balance(scene)
         self.asked, self.dense = asked, dense
-        moved = [_Neighbour(base, m.scene, m.step, m.since) for m in moves.values()]
-        self.all = [_Neighbour(base, scene, 0.0, 0.0), *moved]
+        self.all = [_Neighbour(base, Move(scene, 0.0)), *(_Neighbour(base, m) for m in moves.values())]
 
     def renew(self, before, phase, old: np.ndarray) -> None:
         """A new repetition begins or the block turns, out of the run's state `old`."""
@@ -150,7 +180,7 @@ class Neighbours:
         zero = level.renew(before, phase, old, level.s)
         for one in moved:
             if one.since < before.end:
-                one.s = (one.renew(before, phase, old, one.s) - zero) / one.step
+                one.s[: one.m] = (one.renew(before, phase, old, one.s) - zero[: one.m]) / one.step
 
     def stretch(self, phase, path, records) -> None:
         """Integrate the differences over a stretch of which the run took the steps `path`."""
@@ -162,7 +192,7 @@ class Neighbours:
             if phase.begin <= one.since and one.now.track is not None and level.now.track is not None:
                 kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in KEPT}
                 one.now.track = replace(one.now.track, **kept)
-        S = np.array([one.s for one in live]).reshape(len(live), level.m)
+        S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
         S = _integrate(phase, _Path(path), level.during(phase), [one.during(phase) for one in live], S, times)
         for k, one in enumerate(live):
             one.s = S[k]
@@ -179,8 +209,12 @@ class Neighbours:
 
 
 def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times) -> np.ndarray:
-    """Differences (k, cells and worn depth) of live neighbours at the end of a stretch; S those at its start."""
-    begin, size = S, 0.05 * np.abs(S).max(axis=1, initial=0.0)
+    """Differences (k, cells, worn depth, ledger) of live neighbours at the end of a stretch; S those at its start.
+
+    The ledger follows the rest and has no say in the length of steps.
+    """
+    m = level.system.b.worn.stop
+    begin, size = S, 0.05 * np.abs(S[:, :m]).max(axis=1, initial=0.0)
     size = np.maximum(size, [TINY / abs(one.of.step) for one in live])
     old, before = S, 0.0
     t, span = phase.begin, phase.end - phase.begin
@@ -201,8 +235,8 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
             level.leave(new, y, level.of.s)
             for one, s in zip(live, S, strict=True):
                 one.leave(new, y, s)
-        size = np.maximum(size, np.abs(S - begin).max(axis=1, initial=0.0))
-        moved = np.abs(change).max(axis=1, initial=0.0) / size
+        size = np.maximum(size, np.abs(S - begin)[:, :m].max(axis=1, initial=0.0))
+        moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
         t = new
         h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST * span)
@@ -222,7 +256,9 @@ def _step(y, new: float, h: float, before: float, last, level: _During, live: li
     start = level.rate(new, y, level.of.s)
     R = np.empty_like(S)
     for k, one in enumerate(live):
-        R[k] = known[k] + gamma * (one.rate(new, y, guess[k]) - start) / one.of.step - guess[k]
+        n = one.of.m
+        R[k] = known[k] - guess[k]
+        R[k, :n] = known[k, :n] + gamma * (one.rate(new, y, guess[k]) - start[:n]) / one.of.step - guess[k, :n]
     change = solve(level.system.linearised(new, level.of.state(y, level.of.s), gamma), level.system.b.size, R)
     return guess + change, change
 
@@ -270,7 +306,7 @@ def _copy(source: Progress, target: Progress, phase) -> None:
 
 
 def solve(at: Linearised, size: int, R: np.ndarray) -> np.ndarray:
-    """(1 - gamma J)^-1 R for many right-hand sides (k, cells and worn depth), by one sweep of the preconditioner each.
+    """(1 - gamma J)^-1 R for many right-hand sides (k, state), by one sweep of the preconditioner each.
 
     The next step's prediction starts from the result, so that a second sweep changes traces by 0.02 % only.
     """

@@ -1,0 +1,173 @@
+"""How well the inputs of a case are known: what the case states as { value, sd }, or what is usual."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.errors import BadInput, nearest
+from flashtemp.physics.effect import Param
+from flashtemp.physics.material import LIBRARY
+
+Array = npt.NDArray[np.float64]
+RELATIVE, ABSOLUTE = True, False
+CALIPER = "soft rubber under a caliper"
+USUAL: dict[str, tuple[float, bool, str]] = {  # sd, whether of the value, reason
+    "block.length": (2e-4, ABSOLUTE, CALIPER),
+    "block.width": (2e-4, ABSOLUTE, CALIPER),
+    "block.height": (2e-4, ABSOLUTE, CALIPER),
+    "block.stiffness": (0.1, RELATIVE, "modulus of a compound from batch to batch"),
+    "contact.pressure": (0.02, RELATIVE, "dead weight over the measured face"),
+    "contact.spot_fraction": (0.1, RELATIVE, "what calibration lets it move"),
+    "contact.spot_diameter": (0.2, RELATIVE, "sizes of stones scatter"),
+    "contact.flash_factor": (0.1, RELATIVE, "calibrations on resolved spots"),
+    "friction.mu": (0.05, RELATIVE, "load cell, and scatter from run to run"),
+    "schedule.speed": (0.01, RELATIVE, "control of the drive"),
+    "ambient.temperature": (0.5, ABSOLUTE, "thermometer, and drift of a laboratory within an hour"),
+    "ambient.convection": (0.3, RELATIVE, "correlations for films of air"),
+    "friction_softening.b": (0.2, RELATIVE, "fits to friction over temperature"),
+    "edge_pressure.B": (0.3, RELATIVE, "pressure-sensitive film at an edge"),
+    "wear.rate": (0.3, RELATIVE, "wear from test to test"),
+    "persson_friction.rms_slope": (0.1, RELATIVE, "the cut-off of a spectrum is chosen, 1.2 to 1.4 are in use"),
+    "persson_friction.shear_stress": (0.4, RELATIVE, "4 to 6.5 MPa are in use for tread compounds"),
+    "persson_friction.activation": (0.1, ABSOLUTE, "fits to the shift of the shear stress"),
+    "persson_friction.gamma": (0.1, ABSOLUTE, "0.4 to 0.6 in comparisons with exact contact"),
+}
+OF_MATERIALS: dict[str, tuple[float, bool, str]] = {
+    "conductivity": (0.1, RELATIVE, "compounds and mixes of one kind differ so (asphalt: Carlson 2010)"),
+    "density": (0.02, RELATIVE, "weighed samples"),
+    "heat_capacity": (0.05, RELATIVE, "calorimetry of compounds of one kind"),
+}
+UNFIT = ("numerics", "output", "tread", "tyre")  # tables that describe no physics of a run
+
+
+class Stated(Protocol):
+    """What `inputs` asks of a case."""
+
+    @property
+    def values(self) -> dict[str, dict[str, Any]]: ...
+    @property
+    def priors(self) -> Mapping[str, float]: ...
+    @property
+    def name(self) -> str: ...
+    def declared(self, table: str) -> dict[str, Param]: ...
+
+
+@dataclass(frozen=True)
+class Input:
+    """An input that is known as `value` +- `sd`: normal, cut off where its key ends (`low`, `high`).
+
+    `reason`: the case, or why the catalogue says so.
+    """
+
+    key: str
+    value: float
+    sd: float
+    unit: str
+    low: float
+    high: float
+    reason: str
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether a bound of the key lies within 1.5 sd: then the prior is lopsided."""
+        return min(self.value - self.low, self.high - self.value) < 1.5 * self.sd
+
+    def at(self, z: Array | float) -> Any:
+        """Values at quantiles, given as places z of the standard normal distribution."""
+        from scipy.special import ndtr, ndtri
+
+        a, b = ndtr((self.low - self.value) / self.sd), ndtr((self.high - self.value) / self.sd)
+        inside = ndtri(a + (b - a) * ndtr(z)) if self.at_bound or b - a < 1.0 else z
+        return np.clip(self.value + self.sd * inside, self.low, self.high)
+
+
+def with_materials(case: Any) -> Any:
+    """The case with ready materials written out, so that their numbers are keys like others."""
+    written: dict[str, float] = {}
+    for name in {case["block.material"], case["road.material"]}:
+        if f"materials.{name}" not in case.values:
+            written |= {f"materials.{name}.{k}": getattr(LIBRARY[name], k) for k in OF_MATERIALS}
+    return case.with_values(written) if written else case
+
+
+def inputs(case: Stated, keys: tuple[str, ...] | None = None) -> tuple[tuple[Input, ...], tuple[str, ...]]:
+    """Inputs of a case that are uncertain, and numbers of it that are left out since nobody says how sure they are.
+
+    `keys`: these alone, each stated in the case or usual.  Raises BadInput for a key of which nothing is known.
+    """
+    numbers = {f"{t}.{k}": v for t, k, v in _numbers(case)}
+    if keys is not None:
+        for n, key in enumerate(keys):
+            _refuse(case, key, numbers, keys[:n])
+    found = {key: _input(case, key, value) for key, value in numbers.items() if keys is None or key in keys}
+    known = tuple(i for i in found.values() if i is not None)
+    if not known:
+        raise BadInput(f"{case.name}: no input has a standard deviation; write key = {{ value = ..., sd = ... }}")
+    return known, tuple(key for key, i in found.items() if i is None)
+
+
+def _numbers(case: Stated) -> list[tuple[str, str, float]]:
+    """Table, key and value of all that is a number and describes the physics."""
+    out = []
+    for table, values in case.values.items():
+        declared = case.declared(table) if table not in UNFIT else {}
+        for key, param in declared.items():
+            value = values.get(key)
+            plain = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+            if plain and "number" in param.kinds:
+                out.append((table, key, float(value)))
+    return out
+
+
+def _refuse(case: Stated, key: str, numbers: Mapping[str, float], before: tuple[str, ...]) -> None:
+    if key not in numbers:
+        raise BadInput(f"{key} (command line): no number of this case{nearest(key, numbers)}")
+    if key in before:
+        raise BadInput(f"{key} (command line): named twice; once is enough")
+    if _input(case, key, numbers[key]) is None:
+        said = "nobody says how sure it is" if numbers[key] else "is 0, and nobody says how sure that is"
+        raise BadInput(f"{key} (command line): {said}; give {key}='{{ value = {numbers[key]:g}, sd = ... }}'")
+
+
+def _input(case: Stated, key: str, value: float) -> Input | None:
+    """The prior of a key, None where there is none."""
+    table, name = key.rsplit(".", 1)
+    param = case.declared(table)[name]
+    stated = case.priors.get(key)
+    usual = OF_MATERIALS.get(name) if table.startswith("materials.") else USUAL.get(key)
+    if stated is None and usual is None:
+        return None
+    sd, reason = (stated, "the case") if stated is not None else (0.0, "")
+    if stated is None and usual is not None:
+        sd, reason = usual[0] * (abs(value) if usual[1] else 1.0), usual[2]
+        if value == 0 and key != "ambient.temperature":  # what is off stays off
+            return None
+    low = math.nextafter(param.low, math.inf) if param.open_low else param.low
+    return Input(key, value, float(sd), param.unit, low, param.high, reason) if sd else None
+
+
+def stated(value: Any) -> bool:
+    """Whether a value of a case is meant as { value, sd }."""
+    return isinstance(value, dict) and "sd" in value
+
+
+def fault(param: Param, table: str, given: Mapping[str, Any]) -> str | None:
+    """What is wrong with { value, sd } of a key, but for the value itself; None when it is right."""
+    if "number" not in param.kinds or table in UNFIT:
+        return "has no sd; only numbers of block, road, contact and test can be uncertain: give the value alone"
+    if set(given) != {"value", "sd"}:
+        return "give { value = ..., sd = ... }"
+    value, sd = given["value"], given["sd"]
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "only a number has an sd; give the value alone"
+    if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0 < sd < math.inf:
+        return f"sd = {sd!r}; give a standard deviation > 0" + (
+            f" ({param.unit})" if param.unit not in ("", "1") else ""
+        )
+    return None

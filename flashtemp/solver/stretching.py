@@ -1,0 +1,62 @@
+"""A longer block, a slower test: the mesh and the phases of a run stretched to those of a scene beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.scene import Scene
+from flashtemp.model.schedule import Phase, Schedule
+
+
+def stretched(plain: Scene, scene: Scene) -> Mesh:
+    """The mesh of a `plain` scene, its block stretched to the length, height and width of another `scene`.
+
+    The road before, behind and below keeps its cells.  Raises ValueError where the other has another number of cells
+    or repetitions: it is no neighbour.
+    """
+    mesh, other = plain.mesh, scene.mesh
+    counts = [(len(m.x), len(m.depth), len(m.height), len(m.y), m.first, m.last) for m in (mesh, other)]
+    if counts[0] != counts[1]:
+        raise ValueError("a neighbour needs the mesh of the run, or that stretched")
+    if scene.schedule.repetitions != plain.schedule.repetitions or _rests(scene.schedule) != _rests(plain.schedule):
+        raise ValueError("a neighbour needs the schedule of the run, or that stretched")
+    L, sizes = plain.length, [(s.length, s.height, s.width) for s in (plain, scene)]
+    if sizes[0] == sizes[1]:
+        return mesh
+    along, up, across = (b / a for a, b in zip(*sizes, strict=True))
+    behind = np.maximum(mesh.x - L, 0.0)
+    x = np.where(mesh.x <= 0.0, mesh.x, np.minimum(mesh.x, L) * along + behind)
+    return replace(mesh, x=x, height=mesh.height * up, y=mesh.y * across)
+
+
+def _rests(schedule: Schedule) -> bool:
+    """Whether there are waits."""
+    return schedule.wait > 0
+
+
+def phase_of(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
+    """The phase of another schedule at the same share of the repetition or wait as one of a `plain` schedule.
+
+    >>> from flashtemp.model.schedule import constant
+    >>> slow = Schedule(constant(0.1), constant(1e5), distance=1.0, repetitions=2, wait=5.0)
+    >>> fast = Schedule(constant(0.2), constant(1e5), distance=1.0, repetitions=2, wait=10.0)
+    >>> [(p.begin, p.end) for p in (phase_of(q, slow, fast) for q in slow.phases)]
+    [(0.0, 5.0), (5.0, 15.0), (15.0, 20.0)]
+    """
+    before = phase.repetition - 1
+    start = before * (other.slide_time + other.wait)
+
+    def at(t: float) -> float:
+        """The time at the same share."""
+        since = t - phase.start
+        if phase.sliding:
+            return start + since * (other.slide_time / plain.slide_time)
+        return start + other.slide_time + (since - plain.slide_time) * (other.wait / plain.wait)
+
+    return replace(
+        phase, begin=at(phase.begin), end=at(phase.end), start=start, slid_before=before * other.distance,
+        leg_before=phase.leg_before * (other.distance / plain.distance), turned=at(phase.turned),
+    )  # fmt: skip

@@ -1,0 +1,46 @@
+"""What moves a prediction: change by each input of two standard deviations, with its share of the variance."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+
+MOST = 10  # inputs
+EDGE = 1.96
+PANELS = {
+    "T_spot_L": ("T_spot at the trailing edge (K)", theme.SPOT),
+    "T_block_L": ("T(L), block (K)", theme.BLOCK),
+    "mu": ("friction (1)", theme.ROAD),
+}
+
+
+@theme.styled
+def draw(found) -> Figure:
+    """Bars: the change by +1.96 sd of an input, by its slope, for the inputs with the largest total shares.
+
+    Beside them: first-order and total share of the variance, in per cent.
+    """
+    shown = found.order[:MOST][::-1]
+    fig = theme.figure(f"Sensitivity of {found.case.title}", theme.WIDE, 1.3 + 0.24 * len(shown))
+    axes = fig.subplots(1, len(PANELS), sharey=True)
+    at = np.arange(len(shown))
+    for ax, (name, (words, colour)) in zip(axes, PANELS.items(), strict=True):
+        number = found.numbers[name]
+        change = EDGE * number.slopes[shown]
+        ax.barh(at, change, color=colour, height=0.62)
+        ax.axvline(0.0, color=theme.AMBIENT, lw=0.6)
+        reach = 1.9 * max(float(np.abs(change).max()), 1e-12)
+        ax.set(xlim=(-reach, reach), xlabel=words)
+        for y, c, first, total in zip(at, change, number.first[shown], number.total[shown], strict=True):
+            if total >= 0.005:
+                ax.text(
+                    c + np.copysign(0.04 * reach, c or 1.0), y, f"{100 * first:.0f}/{100 * total:.0f} %",
+                    ha="left" if c >= 0 else "right", va="center", fontsize=6.5,
+                )  # fmt: skip
+        band = f"{theme.number(number.low)} to {theme.number(number.high)}"
+        ax.set_title(f"95 %: {band}")
+    axes[0].set_yticks(at, [found.inputs[k].key for k in shown])
+    fig.supxlabel("Change by +1.96 sd of the input; first-order/total share of the variance.", fontsize=7.0)
+    return fig

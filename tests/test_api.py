@@ -98,6 +98,7 @@ CALLS = {  # every public call on something small
     "converge": lambda lab: flashtemp.converge(lab, {"schedule.repetitions": 1}),
     "repetitions": lambda lab: flashtemp.repetitions(lab / "friction.csv", distance=0.05),
     "wait": lambda lab: flashtemp.wait(lab, below=200.0),
+    "sensitivity": lambda lab: flashtemp.sensitivity(lab, ["friction.mu", "contact.pressure"], linear=True),
     "effects": lambda lab: flashtemp.effects("wear"),
     "open_campaign": lambda lab: flashtemp.open_campaign(lab / "twin"),
     "compare": lambda lab: flashtemp.compare(lab / "twin"),

@@ -210,6 +210,7 @@ WORDS = {  # that are quantities or parts of a camera's image before they are ef
 }
 NAMED = {  # modules that name an effect, and why they must
     "model/case_file.py": {"edge_pressure", "wear"},  # examples in docstrings
+    "model/priors.py": {"friction_softening", "edge_pressure", "wear", "persson_friction"},  # how well keys are known
     "discovery/parameters.py": {"pressure_tilt"},  # a docstring's example of a key
     "viz/verdict_parts.py": {"third_body"},  # a docstring's example of a name
     "runs/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes

@@ -31,7 +31,7 @@ def draw(found) -> Figure:
         change = EDGE * number.slopes[shown]
         ax.barh(at, change, color=colour, height=0.62)
         ax.axvline(0.0, color=theme.AMBIENT, lw=0.6)
-        reach = 1.9 * max(float(np.abs(change).max()), 1e-12)
+        reach = 2.4 * max(float(np.abs(change).max()), 1e-12)
         ax.set(xlim=(-reach, reach), xlabel=words)
         for y, c, first, total in zip(at, change, number.first[shown], number.total[shown], strict=True):
             if total >= 0.005:

@@ -43,7 +43,7 @@ OF_MATERIALS: dict[str, tuple[float, bool, str]] = {
     "density": (0.02, RELATIVE, "weighed samples"),
     "heat_capacity": (0.05, RELATIVE, "calorimetry of compounds of one kind"),
 }
-UNFIT = ("numerics", "output", "tread", "tyre")  # tables that describe no physics of a run
+UNFIT = ("numerics", "output", "limits", "tread", "tyre")  # tables that describe no physics of a run
 
 
 class Stated(Protocol):
@@ -119,8 +119,9 @@ def _numbers(case: Stated) -> list[tuple[str, str, float]]:
         declared = case.declared(table) if table not in UNFIT else {}
         for key, param in declared.items():
             value = values.get(key)
-            plain = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-            if plain and "number" in param.kinds:
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                continue
+            if "number" in param.kinds:
                 out.append((table, key, float(value)))
     return out
 

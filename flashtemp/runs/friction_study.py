@@ -11,10 +11,12 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.model.build import theory_of
 from flashtemp.model.case import Case
+from flashtemp.model.priors import inputs
 from flashtemp.model.scene import Acting
 from flashtemp.physics.friction import friction_curves, theory_inputs
 from flashtemp.physics.friction.flash_temperature import Spots
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.runs.sign_of_friction import Sign, signs
 from flashtemp.showing import Sheet, Shown, write_json
 
 COUNT, LIMITS = 60, (1e-12, 1e3)  # speeds; m/s
@@ -25,14 +27,17 @@ NOT_MODELLED = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionStudy(Shown):
-    """Friction over speed and temperature (`curves`: Curves) by the theory of a `case`."""
+    """Friction over speed and temperature (`curves`: Curves) by the theory of a `case`; how sure its `signs` are."""
 
     case: Case
     curves: friction_curves.Curves
+    signs: tuple[Sign, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For --json and friction.json."""
-        return self.curves.as_dict() | {"title": self.case.title, "not_modelled": NOT_MODELLED}
+        return self.curves.as_dict() | {
+            "title": self.case.title, "not_modelled": NOT_MODELLED, "signs": [s.as_dict() for s in self.signs],
+        }  # fmt: skip
 
     def save(self, folder: Path, out: Path) -> None:
         """Write the effective case with its files, curves and numbers into a folder that will be called `out`."""
@@ -41,7 +46,8 @@ class FrictionStudy(Shown):
         write_json(self.as_dict() | {"out": str(out)}, folder / "friction.json")
 
     def __str__(self) -> str:
-        return f"{self.case.title}: {self.curves}\n  not modelled: {NOT_MODELLED}"
+        signs = "".join(f"\n  {s}" for s in self.signs)
+        return f"{self.case.title}: {self.curves}{signs}\n  not modelled: {NOT_MODELLED}"
 
     def sheet(self) -> Sheet:
         c, speeds = self.curves, self.curves.speed
@@ -51,7 +57,7 @@ class FrictionStudy(Shown):
             tuple(float(v[i]) for v in (speeds, c.cold.mu, c.hot.mu, c.highest, c.area)) for i in some
         ]  # fmt: skip
         title = f"{self.case.title}: {c.T0 - KELVIN:g} degC, {c.p / 1e6:g} MPa"
-        return Sheet(title, rows, head, [*c.remarks, f"not modelled: {NOT_MODELLED}"])
+        return Sheet(title, rows, head, [*c.remarks, *map(str, self.signs), f"not modelled: {NOT_MODELLED}"])
 
 
 def refuse_speeds(slowest: float, fastest: float) -> None:
@@ -80,7 +86,8 @@ def study(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> FrictionS
             f"persson_friction.extrapolate: false, but {outside[0]}; choose other --slowest and --fastest, or allow it"
         )
     return FrictionStudy(
-        case, replace(found, remarks=(*_unused(case, acting), *acting.p.assumed, *found.remarks))
+        case, replace(found, remarks=(*_unused(case, acting), *acting.p.assumed, *found.remarks)),
+        signs(case, inputs(case)[0]),
     )  # fmt: skip
 
 

@@ -192,13 +192,12 @@ def _at_z(case: Case, known: Sequence[Input], z: Array) -> Case:
 def _of_sample(case: Case, known: Sequence[Input], part: Linear, count: int, where, watch: Watch):
     """Numbers and bands from a Latin hypercube of runs."""
     z = shares.hypercube(count, len(known))
-    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], None, *where, watch)
+    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], None, where[0], where[1], watch)
     kept = [k for k, one in enumerate(found) if one is not None and one["T_spot"].shape == part.run.T_spot.shape]
     if len(kept) < 0.9 * count:
         why = next(iter(failed.values()), "runs of other records")
         raise SolverFailure(f"{count - len(kept)} of {count} runs of the sample fail: {why}")
-    z, rows = z[kept], [one for one in found if one is not None]
-    rows = [one for one in rows if one["T_spot"].shape == part.run.T_spot.shape]
+    z, rows = z[kept], [one for k in kept if (one := found[k]) is not None]
     drawn = shares.hypercube(DRAWS, len(known), seed=1, even=False)
     numbers, n = {}, len(known)
     table = np.array([one["numbers"] for one in rows])

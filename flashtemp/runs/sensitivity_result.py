@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Literal
 
 import numpy as np
@@ -71,7 +72,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensitivity(Shown):
-    """What every one of the `inputs` does to a prediction: `numbers` {name of NUMBERS: Number}, and `bands` of profiles.
+    """What each of the `inputs` does to a prediction: `numbers` {name of NUMBERS: Number}, and `bands` of profiles.
 
     `left`: numbers of the case without a standard deviation.  `mode`; `check` {number: miss of the linear part over the
     half width of its band}; `lopsided` keys near a bound; `seconds` of the run and the traces; `failed` runs.
@@ -154,14 +155,14 @@ class Sensitivity(Shown):
         )
         for key, value, sd, _, *rest in self.rows()[:SHOWN]:
             spot, a, block, b, mu, c = rest
-            lines.append(
-                f"  {key:32s} {value:10.4g} {sd:9.2g}   {spot:+9.2f} {a:>8s}   {block:+7.2f} {b:>8s}   {mu:+8.4f} {c:>8s}"
-            )
+            cells = f"{spot:+9.2f} {a:>8s}   {block:+7.2f} {b:>8s}   {mu:+8.4f} {c:>8s}"
+            lines.append(f"  {key:32s} {value:10.4g} {sd:9.2g}   {cells}")
         if len(self.inputs) > SHOWN:
             lines.append(f"  and {len(self.inputs) - SHOWN} more, all in sensitivity.json")
-        lines += [f"  {s}" for s in self.sentences()]
+        said = self.sentences()
         if self.left:
-            lines.append(f"  held, since nobody says how sure they are: {', '.join(self.left)}")
+            said.append(f"held, since nobody says how sure they are: {', '.join(self.left)}")
+        lines += [fill(s, 120, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False) for s in said]
         return "\n".join(lines)
 
     def sheet(self) -> Sheet:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Powers = tuple[int, ...]
 HIGHEST, CUBIC = 4, 6  # powers of one input alone; how many inputs may meet in terms of third order
-MOST = 0.4  # terms over rows of the sample
+CHOICE = 3.0  # rows that a term costs which was chosen among many (Friedman 1991)
+MOST = 0.3  # terms over rows of the sample
 ENOUGH = 1e-10  # unexplained variance below which nothing is left to fit
 
 
@@ -111,12 +112,13 @@ def _pursuit(design: Array, terms: tuple[Powers, ...], values: Array) -> Expansi
     """Orthogonal matching pursuit; the number of terms is that with the least error of rows left out."""
     rows, chosen, spread = len(values), [0], float(np.var(values)) * len(values)
     best: tuple[float, list[int], Array] = (np.inf, [0], np.array([values.mean()]))
-    while len(chosen) <= MOST * rows:
+    while len(chosen) < MOST * rows:
         part = design[:, chosen]
         q, r = np.linalg.qr(part)
         left = values - q @ (q.T @ values)
         leverage = np.clip((q**2).sum(axis=1), 0.0, 1.0 - 1e-9)
-        error = float(np.sum((left / (1.0 - leverage)) ** 2)) / spread
+        chance = (1.0 - len(chosen) / rows) / (1.0 - CHOICE * (len(chosen) - 1) / rows - 1.0 / rows)
+        error = float(np.sum((left / (1.0 - leverage)) ** 2)) / spread * chance**2
         if error < best[0]:
             best = error, list(chosen), np.linalg.solve(r, q.T @ values)
         if np.sum(left**2) < ENOUGH * spread:

@@ -21,7 +21,7 @@ Law = Callable[[float, float, float], float]  # mu at v (m/s), T (K) and p (Pa),
 NOTHING = 1e-3  # ln of mu: what changes less over a range does not depend on it
 WARMER, AROUND = 40.0, 2.0  # K above the background, factor around speed and load
 PLAIN = {"flattened": 1.0, "work_of_adhesion": 0.0}  # keys of what enlarges the area, off
-EDGE, DRAWS, HALVINGS = 1.96, 100, 12
+EDGE, DRAWS, HALVINGS = 1.96, 60, 8
 NO_LAW = ("block", "road", "contact", "schedule", "ambient")  # tables that friction at given v, T and p does not follow
 
 
@@ -107,14 +107,14 @@ def _judge(over: str, low: float, high: float, own: list[Input], change) -> Sign
     sd = float(np.sqrt(sum(((ends[i.key][1] - ends[i.key][0]) / (2 * EDGE)) ** 2 for i in matter)))
     rises = float(ndtr(now / sd)) if sd > 0 else float(now > 0)
     if sd > 0 and 0.002 < rises < 0.998:  # else no draw would show the other sign
-        z = hypercube(DRAWS, len(matter))
-        drawn = [change({i.key: float(i.at(v)) for i, v in zip(matter, row, strict=True)}) for row in z]
+        z = hypercube(DRAWS, len(own))  # the same laws for all signs
+        drawn = [change({i.key: float(i.at(v)) for i, v in zip(own, row, strict=True)}) for row in z]
         rises = float(np.mean(np.array(drawn) > 0))
     flips = []
     for i in matter:
-        for z, end in zip((-EDGE, EDGE), ends[i.key], strict=True):
+        for edge, end in zip((-EDGE, EDGE), ends[i.key], strict=True):
             if end * now < 0:
-                place = _turn(lambda z, i=i: change({i.key: float(i.at(z))}), z, now)
+                place = _turn(lambda z, i=i: change({i.key: float(i.at(z))}), edge, now)  # type: ignore[misc]
                 flips.append((i.key, float(i.at(place)), i.unit, place))
     return Sign(over, low, high, now, rises, tuple(sorted(flips, key=lambda f: abs(f[3]))))
 

@@ -25,8 +25,8 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads",
-    "open_campaign", "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
+    "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
     "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
 ]  # fmt: skip
 

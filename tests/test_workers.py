@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import subprocess
 import sys
 import threading
 import tomllib
@@ -215,6 +216,43 @@ def test_a_cluster_answers_like_one_worker(monkeypatch):
     assert (first, last) == (find("friction"), find("wear"))
     assert isinstance(fault, BadInput)
     assert log == ["tcp://there:8786", "closed"]
+
+
+SCHEDULER = """
+import time
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        time.sleep(600)
+"""
+CLIENT = """
+import sys, time
+from flashtemp.errors import SolverFailure
+from flashtemp.runs.workers import stream
+
+try:
+    for k, _ in stream(time.sleep, [0.2] * 100, scheduler=sys.argv[1]):
+        print(k, flush=True)
+except SolverFailure as fault:
+    sys.exit(str(fault))
+"""
+
+
+def test_a_scheduler_that_is_killed_is_said_in_one_line(tmp_path):
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    for name, text in (("scheduler.py", SCHEDULER), ("client.py", CLIENT)):
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, tmp_path / "scheduler.py"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as scheduler:
+        address = scheduler.stdout.readline().strip()
+        command = [sys.executable, tmp_path / "client.py", address]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as client:
+            client.stdout.readline()
+            scheduler.kill()
+            said = client.communicate(timeout=60)[1].strip()
+    assert said == f"the scheduler at {address} has gone; give the address of one that runs"
 
 
 def test_a_worker_of_a_real_cluster_is_killed(tasks):

@@ -146,15 +146,37 @@ def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[t
     with _client(scheduler) as client:
         from dask.distributed import as_completed
 
-        asked = {client.submit(attempt, function, t, pure=False): k for k, t in enumerate(tasks)}
-        for future in as_completed(list(asked)):
-            yield asked[future], future.result()
+        with _lost(scheduler):
+            asked = {client.submit(attempt, function, t, pure=False): k for k, t in enumerate(tasks)}
+            for future in as_completed(list(asked)):
+                yield asked[future], future.result()
 
 
 @contextmanager
 def _cluster(function: Callable, address: str) -> Iterator[Callable]:
     with _client(address) as client:
-        yield lambda tasks: client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])
+
+        def run(tasks):
+            with _lost(address):
+                return client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])
+
+        yield run
+
+
+@contextmanager
+def _lost(address: str) -> Iterator[None]:
+    """SolverFailure, in one line, where the scheduler goes away; what Dask itself says of it is not for people."""
+    import logging
+    from asyncio import CancelledError
+    from concurrent.futures import CancelledError as Cancelled
+
+    for name in ("asyncio", "tornado.application", *logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("asyncio", "tornado", "distributed"):
+            logging.getLogger(name).disabled = True
+    try:
+        yield
+    except (OSError, TimeoutError, Cancelled, CancelledError) as fault:
+        raise SolverFailure(f"the scheduler at {address} has gone; give the address of one that runs") from fault
 
 
 def _client(address: str):

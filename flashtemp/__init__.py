@@ -14,7 +14,7 @@ _PUBLIC = {
     "api.studies": ["sweep", "converge", "repetitions", "wait", "sensitivity"],
     "api.camera": ["import_recording", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
-    "api.friction": ["friction", "loads", "tread", "tyre", "spots", "spectrum"],
+    "api.friction": ["area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
     "model.case": ["Case"],
     "solver.run": ["Run"],
@@ -24,7 +24,7 @@ _PUBLIC = {
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
-    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
+    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "area", "check", "check_effect", "compare",
     "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
     "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
     "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
     from flashtemp.api.drawing import draw
     from flashtemp.api.effects import check_effect, effects
-    from flashtemp.api.friction import friction, loads, spectrum, spots, tread, tyre
+    from flashtemp.api.friction import area, friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
     from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait

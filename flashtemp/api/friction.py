@@ -10,8 +10,9 @@ from flashtemp.api.pictures import AGAIN, drawing
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.friction.contact_map import Spots
-from flashtemp.runs import friction_study, load_dependence, rolling
+from flashtemp.runs import area_study, friction_study, load_dependence, rolling
 from flashtemp.runs import road as roads
+from flashtemp.runs.area_study import AreaStudy
 from flashtemp.runs.folders import wanted
 from flashtemp.runs.friction_study import FrictionStudy
 from flashtemp.runs.load_dependence import PRESSURES, SPEEDS, Loads
@@ -43,6 +44,22 @@ def friction(
                 from flashtemp.viz import theme
 
                 theme.save(picture.draw(found.curves, loaded.title), work / "friction.png")
+    return found
+
+
+def area(case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None) -> AreaStudy:
+    """The area in contact over nominal pressure on a road: elastic A(p/E), its linear law, where it saturates.
+
+    `out`: folder for the case, curve, numbers and a picture.  Raises BadInput.
+    """
+    loaded = case_of(case, overrides)
+    with wanted(out) as work:
+        found = area_study.study(loaded)
+        if work is not None and out is not None:
+            from flashtemp.viz import area as picture
+
+            found.save(work, Path(out))
+            picture.draw(found).savefig(work / "area.png")
     return found
 
 

@@ -15,6 +15,7 @@ def friction(
     out: Path | None = None,
     slowest: float = 1e-6,
     fastest: float = 10.0,
+    area: bool = False,
     trust: Trust = False,
     json: Json = False,
 ) -> int:
@@ -32,11 +33,18 @@ def friction(
         Lowest sliding speed, m/s.
     fastest
         Highest sliding speed, m/s.
+    area
+        The area in contact over nominal pressure instead: A/A0 against p/E, and where it saturates.
     """
     from flashtemp.api import friction as api
     from flashtemp.api import inputs
 
     loaded = inputs.load(case, list(overrides), trust=trust)
+    if area:
+        folder = result_folder(out, f"{loaded.name}-area")
+        study = api.area(loaded, out=folder)
+        emit(study.as_dict() | {"out": str(folder)}, json, f"{study}\n  results in {folder}/")
+        return DONE
     folder = result_folder(out, f"{loaded.name}-friction")
     found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
     emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")

@@ -1,0 +1,79 @@
+"""Viscoelastic friction of a skewed road by solving its sliding contact, beside the road that it was made of.
+
+A Gaussian road whose heights above the mean plane are multiplied by f (`worn`), and its twin turned over (`turned`),
+which has the same power spectrum and the opposite skewness: Persson's theory sees no difference between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.arrays import Value
+from flashtemp.physics.friction.rheology import Rubber
+from flashtemp.physics.friction.roughness_spectrum import READY, Spectrum
+from flashtemp.physics.friction.skewness import gaussian
+from flashtemp.physics.friction.sliding_contact import Slid, slide
+
+ROADS = ("plain", "worn", "turned")
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """At nominal pressures p (n,) Pa: `mu`, `area` and `lost` (3, seeds, n) of the roads in ROADS.
+
+    `lost` is friction from the energy lost, another way to the same number.
+    """
+
+    pressure: np.ndarray
+    mu: np.ndarray
+    area: np.ndarray
+    lost: np.ndarray
+
+    def against(self, what: str, one: str, other: str) -> np.ndarray:
+        """Ratio (n,) of the means over seeds of "mu" or "area" of one road to that of the other."""
+        values = getattr(self, what).mean(axis=1)
+        found: np.ndarray = values[ROADS.index(one)] / values[ROADS.index(other)]
+        return found
+
+    @property
+    def follows(self) -> np.ndarray:
+        """mu_visc of the worn road times the growth of its area (n,), both over the plain one: 1 if mu goes as 1/R."""
+        found: np.ndarray = self.against("mu", "worn", "plain") * self.against("area", "worn", "plain")
+        return found
+
+
+def compare(
+    f: float,
+    rubber: Rubber,
+    speed: float,
+    T: float,
+    pressures: Value,
+    grid: int = 128,
+    seeds: Sequence[int] = (0, 1, 2),
+    road: Spectrum = READY["asphalt A"],
+) -> Compared:
+    """Slide `rubber` at `speed` (m/s), temperature T (K) and nominal `pressures` (n,) Pa over the three roads.
+
+    The square of `grid`^2 points holds the road's waves down to four pixels.  Raises BadInput for f outside ]0, 1] or
+    pressures that are not positive, SolverFailure.
+    """
+    p = np.atleast_1d(np.asarray(pressures, dtype=float))
+    if not 0.0 < f <= 1.0 or not np.all(p > 0) or not speed > 0:
+        raise BadInput(f"f {f:g}, pressures {p.tolist()}, speed {speed:g}; give 0 < f <= 1, the others positive")
+
+    def modulus(omega: Value) -> Value:
+        return rubber(omega, T) / (1.0 - rubber.poisson**2)
+
+    def one(heights: np.ndarray, side: float) -> list[Slid]:
+        return [slide(heights, (side, side), modulus, speed, load) for load in p]
+
+    found = []
+    for seed in seeds:
+        heights, side = gaussian(road, grid, seed)
+        worn = np.where(heights > 0.0, f, 1.0) * heights
+        found.append([[(s.mu, s.area, s.friction_by_loss) for s in one(h, side)] for h in (heights, worn, -worn)])
+    return Compared(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))

@@ -1,0 +1,193 @@
+"""Sliding contact of viscoelastic rubber, resolved: closed forms, another program, skewed roads (claim C5)."""
+
+from __future__ import annotations
+
+import doctest
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from flashtemp.errors import BadInput
+from flashtemp.physics.friction import skewed_friction, sliding_contact
+from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.rheology import Prony, Rubber
+from flashtemp.physics.friction.skewness import gaussian
+from flashtemp.physics.friction.sliding_contact import slide
+
+A, T = RUBBERS["A"], 293.15
+LONG = 1e-3  # m, wavelength of the single wave
+
+
+def modulus(omega):
+    return A(omega, T) / (1 - A.poisson**2)
+
+
+def wave(points, height):
+    return height * np.cos(2 * np.pi * np.arange(points) / points)[:, None]
+
+
+def elastic(E):
+    return lambda omega: np.full(np.shape(omega), E)
+
+
+def test_examples():
+    tried = doctest.testmod(sliding_contact)
+    assert tried.attempted > 0
+    assert tried.failed == 0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.7])
+def test_an_elastic_wave_is_westergaards(share):
+    """p0 = p* sin^2(pi b/l), p* = pi E* h/l; pressure 2 p0 cos(x) sqrt(sin^2 b - sin^2 x)/sin^2 b; no friction."""
+    E, h, n = 1e6, 1e-5, 1024
+    full = np.pi * E * h / LONG
+    found = slide(wave(n, h), (LONG, LONG), elastic(E), 1.0, share * full)
+    half = np.arcsin(np.sqrt(share))
+    assert found.area == pytest.approx(2 * half / np.pi, abs=2.5 / n)
+    x = np.pi * (np.arange(n) / n - (np.arange(n) > n // 2))
+    exact = 2 * share * full * np.cos(x) * np.sqrt(np.maximum(np.sin(half) ** 2 - np.sin(x) ** 2, 0)) / share
+    np.testing.assert_allclose(found.pressure[:, 0], exact, atol=0.06 * full)
+    assert np.abs(found.pressure[:, 0] - exact).mean() < 1e-3 * full
+    assert abs(found.mu) < 1e-8
+
+
+def test_elastic_discs_are_those_of_hertz():
+    """A lattice of paraboloids far apart: contact radius (3 F R/(4 E*))^(1/3), greatest pressure 3F/(2 pi a^2)."""
+    n, side, R, E = 256, 1.0, 2.0, 1e6
+    x = side * (np.arange(n) / n - 0.5)
+    heights = -(x[:, None] ** 2 + x**2) / (2 * R)
+    force = 4 / 3 * E * 0.08**3 / R
+    found = slide(heights, (side, side), elastic(E), 1.0, force / side**2)
+    assert np.sqrt(found.area * side**2 / np.pi) == pytest.approx(0.08, rel=0.02)
+    assert found.pressure.max() == pytest.approx(3 * force / (2 * np.pi * 0.08**2), rel=0.02)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.1, 10.0])
+def test_full_contact_is_linear(speed):
+    """u = h: mu p0 = (q h)^2 Im E*(q v)/4, exactly."""
+    q, h, p = 2 * np.pi / LONG, 2e-6, 5e7
+    found = slide(wave(64, h), (LONG, LONG), modulus, speed, p)
+    assert found.area == 1.0
+    assert found.mu == pytest.approx((q * h) ** 2 * modulus(q * speed).imag / (4 * p), rel=1e-6)
+    assert found.friction_by_loss == pytest.approx(found.mu, rel=1e-6)
+
+
+@pytest.mark.parametrize("p", [1e4, 1e5, 3e5])
+def test_friction_is_the_energy_lost(p):
+    """Work of the pressure on the road's slope against the loss of every wave; their difference falls with the grid."""
+    apart = []
+    for n in (128, 512, 2048):
+        found = slide(wave(n, 2e-5), (LONG, LONG), modulus, 1.0, p)
+        assert found.mu > 0
+        assert found.pressure.mean() == pytest.approx(p, rel=1e-9)
+        assert found.pressure.min() >= 0
+        assert found.gap.min() >= 0
+        assert np.all(found.gap[found.pressure > 0] == 0)
+        apart.append(abs(found.friction_by_loss / found.mu - 1))
+    print(apart)
+    assert apart[-1] < 2e-3
+    assert apart[-1] < apart[0]
+
+
+class Marching:
+    """The same contact in time: one Maxwell arm beside a spring, marched in the rubber's frame with dense matrices.
+
+    No complex modulus, no steady state assumed, and non-negative least squares for the contact.
+    """
+
+    def __init__(self, E0, E1, tau, points=32):
+        self.E0, self.E1, self.tau, self.n = E0, E1, tau, points
+        k = np.fft.fftfreq(points, 1 / points)
+        q = 2 * np.pi * np.abs(k) / LONG
+        wave = np.exp(2j * np.pi * np.outer(np.arange(points), k) / points) / np.sqrt(points)
+        q[0] = 1.0
+        self.stiff = 0.5 * q
+        self.wave = wave
+        self.free = np.where(np.arange(points) == 0, 0.0, 1.0)
+
+    def friction(self, height, speed, p0, periods=4, steps=256):
+        """Mean over the last period of <p dh/dx>/p0."""
+        dt, n = LONG / speed / steps, self.n
+        r = dt / (2 * self.tau)
+        now = self.E0 + self.E1 / (1 + r)
+        soft = (self.wave * (self.free / (self.stiff * now))) @ self.wave.conj().T
+        soft = soft.real + 1e-3 * soft.real.max()  # a stiff spring for the mean: g0 is free, the load is not
+        root = np.linalg.cholesky(soft + 1e-12 * soft.max() * np.eye(n)).T
+        heavy = 1e4 * root.max()
+        x, u, s, out = LONG * np.arange(n) / n, np.zeros(n), np.zeros(n), []
+        for step in range(periods * steps):
+            at = 2 * np.pi * (x + speed * dt * step) / LONG
+            h, slope = height * np.cos(at), -2 * np.pi / LONG * height * np.sin(at)
+            kept = (s * (1 - r) - self.E1 * u) / (1 + r)  # E u + s of the last step that this one inherits
+            shift = -kept / now
+            want = np.linalg.solve(root.T, h - shift)
+            p, _ = nnls(np.vstack([root, heavy * np.ones(n)]), np.append(want, heavy * n * p0))
+            new = self.strain(p, now) + shift
+            s, u = kept + self.E1 / (1 + r) * new, new
+            if step >= (periods - 1) * steps:
+                out.append(p @ slope / n / p0)
+        return float(np.mean(out))
+
+    def strain(self, p, now):
+        """Displacement by a pressure at the modulus of one step, mean zero."""
+        return ((self.wave * (self.free / (self.stiff * now))) @ (self.wave.conj().T @ p)).real
+
+
+@pytest.mark.parametrize("p", [4e4, 2e5])
+def test_another_program_marches_to_the_same_friction(p):
+    """A standard linear solid, its loss peak where the wave is passed: time stepping against the steady solve."""
+    E0, E1, speed, h = 1e7, 5e7, 0.5, 2e-5
+    tau = LONG / (2 * np.pi * speed)
+    exact = Prony(E0, (E1,), (tau,))
+    found = slide(wave(256, h), (LONG, LONG), exact, speed, p)
+    marched = Marching(E0, E1, tau).friction(h, speed, p)
+    print(found.mu, found.area, marched)
+    assert marched == pytest.approx(found.mu, rel=0.03)
+    assert found.area < 0.5
+
+
+def test_turning_the_way_round_turns_friction_round():
+    """Sliding over the mirrored road is sliding back over the road: the same friction, and none without loss."""
+    heights, side = gaussian(skewed_friction.READY["asphalt A"], 32, 3)
+    there, back = (slide(h, (side, side), modulus, 1.0, 1e5) for h in (heights, heights[::-1]))
+    assert there.mu != pytest.approx(back.mu, rel=1e-6)
+    assert abs(slide(heights, (side, side), elastic(1e7), 1.0, 1e5).friction_by_loss) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def worn():
+    """f = 0.6 (skewness -0.58) at 1 m/s, 1 to 30 % in contact, two seeds."""
+    return skewed_friction.compare(0.6, A, 1.0, T, [1e5, 1e6], grid=64, seeds=(0, 1))
+
+
+def test_flattened_tops_lower_friction_as_they_are_lowered(worn):
+    """C5: mu_visc of the worn road is f times that of the plain one, within 8 % on this grid (4 % on finer ones).
+
+    The argument of skewness.py, mu ~ 1/R, holds where only tops touch and not beyond.
+    """
+    ratio = worn.against("mu", "worn", "plain")
+    print(ratio, worn.against("area", "worn", "plain"), worn.follows)
+    np.testing.assert_allclose(ratio, 0.6, rtol=0.08)
+    assert worn.follows[0] == pytest.approx(1.0, abs=0.08)
+    assert worn.follows[1] < 0.93
+
+
+def test_the_twin_with_the_same_spectrum_rubs_more(worn):
+    """Turned over, the same road has tops as the plain one: more friction, less area, though C(q) is the same."""
+    assert np.all(worn.against("mu", "worn", "turned") < 0.75)
+    assert np.all(worn.against("area", "worn", "turned") > 1.15)
+    np.testing.assert_allclose(worn.against("mu", "turned", "plain"), 1.0, atol=0.1)
+
+
+def test_a_plain_road_is_not_worn():
+    found = skewed_friction.compare(1.0, A, 0.1, T, 3e5, grid=32, seeds=(0,))
+    assert found.against("mu", "worn", "plain") == 1.0
+    assert found.follows == 1.0
+
+
+@pytest.mark.parametrize("given", [(0.0, 1.0, 1e5), (1.1, 1.0, 1e5), (0.5, -1.0, 1e5), (0.5, 1.0, 0.0)])
+def test_bad_input_is_refused(given):
+    f, speed, p = given
+    with pytest.raises(BadInput, match="give 0 < f <= 1"):
+        skewed_friction.compare(f, Rubber(A.modulus, A.shift), speed, T, p)

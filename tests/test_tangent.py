@@ -352,7 +352,7 @@ def test_trace_of_a_longer_block_and_a_slower_test():
 
 
 def test_trace_of_a_longer_test_with_laps_that_are_remembered():
-    check_stretched(ROUND, ("schedule.speed", "road.track_length", "schedule.distance"), 0.02, 0.05)
+    check_stretched(ROUND, ("schedule.speed", "schedule.distance"), 0.02, 0.05)
 
 
 def test_another_number_of_cells_or_repetitions_is_no_neighbour():

@@ -27,6 +27,7 @@ def build(
     first_y: float | None = None,
     refine_y: float = 1,
     both: bool = False,
+    even: bool = False,
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
@@ -36,6 +37,7 @@ def build(
     more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
     direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`, all
     refined by `refine_y`; one stays one.  `both`: every edge may lead, so that the mesh is its own mirror image.
+    `even`: lines of one length, and half as many before the block as under it.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -50,14 +52,16 @@ def build(
     x = two_sided(length, first_x, last_x, along, finer_x)
     if both:
         x = 0.5 * (x + (length - x[::-1]))
-    first = 0
-    if upstream > 0:
+    first, last = 0, len(x) - 1
+    if even:
+        x, first, last = _even(length, max(4, round(along * finer_x)), upstream, downstream)
+    elif upstream > 0:
         n = _cells_for(downstream, last_x, behind) if both else _cells_for(upstream, 4 * first_x, 1.9)
         before = -geometric(upstream, first_x, n, finer_x)[::-1]
         first = len(before) - 1
         x = np.concatenate([before[:-1], x])
-    last = len(x) - 1
-    if downstream > 0:
+        last = len(x) - 1
+    if downstream > 0 and not even:
         n = _cells_for(downstream, last_x, behind)
         x = np.concatenate([x, length + geometric(downstream, last_x, n, finer_x)[1:]])
     return Mesh(
@@ -77,6 +81,17 @@ def _across(width: float, cells: int, first: float | None, refine: float) -> np.
     if first is None or cells < 4:
         first = width
     return two_sided(width, first, first, cells, refine) - 0.5 * width
+
+
+def _even(length: float, cells: int, upstream: float, downstream: float) -> tuple[np.ndarray, int, int]:
+    """Edges of lines of one length, and between which of them the block stands.
+
+    So many lie before it that the road can pass on by half the block at a time.
+    """
+    dx = length / cells
+    first = max(cells // 2 + 1, round(upstream / dx))
+    last = first + cells
+    return dx * (np.arange(last + max(1, round(downstream / dx)) + 1) - first), first, last
 
 
 def _cells_for(length: float, first: float, growth: float) -> int:

@@ -47,11 +47,10 @@ def test_too_many_discs_are_refused():
 
 
 def even(n, length, height=3e-3, first=1e-5, cells=24, planes=1, width=0.02):
-    """Even cells along and across, fine ones above the contact; the road is a dummy."""
-    y = width * (np.arange(planes + 1) / planes - 0.5)
-    return Mesh(
-        np.linspace(0.0, length, n + 1), geometric(2e-3, first, cells), geometric(height, first, cells), 0, n, y
-    )
+    """Even cells along and across, fine ones above and below the contact; half as many lines of road before it."""
+    y, front = width * (np.arange(planes + 1) / planes - 0.5), n // 2 + 1
+    x = length / n * (np.arange(front + n + 2) - front)
+    return Mesh(x, geometric(2e-3, first, cells), geometric(height, first, cells), front, front + n, y)
 
 
 def resolved(lab, mesh, phi=PHI, road=None, time=1.0, speed=0.1, **given):
@@ -64,7 +63,7 @@ def cover_at(scene, slid):
     law = next(
         c.law for a in scene.acting for c in a.contributions(scene) if getattr(c, "target", "") == "contact.cover"
     )
-    return law(None, SimpleNamespace(slid=slid), None)
+    return law(None, SimpleNamespace(slid=slid, lead=None), None)
 
 
 def test_cover_moves_with_the_road_without_steps(lab):

@@ -60,7 +60,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
     remembers = _remembers(said)
     schedule = _with_laps(plan, v, remembers)
-    mesh = _mesh(v, outline.block, outline.road, schedule, remembers, depths)
+    mesh = _mesh(v, outline.block, outline.road, schedule, remembers, depths, _resolves(said))
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
@@ -136,6 +136,12 @@ def _remembers(said: list[tuple[Any, Any]]) -> bool:
     return any(part.law(None, probe, p) != 0 for part, p in inflow)
 
 
+def _resolves(said: list[Any]) -> bool:
+    """Whether any effect resolves spots that move with the road."""
+    terms = [(part, p) for part, p in said if isinstance(part, Term) and part.target == "contact.resolved"]
+    return any(part.law(None, None, p) > 0 for part, p in terms)
+
+
 # --- materials and schedule --------------------------------------------------------------------------
 def _material(values: Values, key: str) -> Material:
     """The material that a key names: one of the case's own, or of the library."""
@@ -190,8 +196,13 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 
 
 # --- mesh --------------------------------------------------------------------------------------------
-def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers: bool, depths: list[float]) -> Mesh:
-    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed."""
+def _mesh(
+    v: Any, block: Material, road: Material, schedule: Schedule, remembers: bool, depths: list[float], even: bool
+) -> Mesh:
+    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed.
+
+    `even`: along the road all cells are as long.
+    """
     level = refinement(v.numerics.mesh)
     refine = tuple(level * f for f in v.numerics.finer)
     first = _first_cell(v, refine[1], depths, _first_block(v.numerics.first_block, block, schedule, depths))
@@ -216,6 +227,7 @@ def _mesh(v: Any, block: Material, road: Material, schedule: Schedule, remembers
         first_y=v.numerics.first_y,
         refine_y=level,
         both=len(schedule.directions) > 1,
+        even=even and len(schedule.directions) == 1,
     )
 
 

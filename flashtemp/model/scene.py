@@ -42,6 +42,7 @@ class Moment(NamedTuple):
     face: Any = None  # temperature of the block's face averaged over the passage of spots, K; for laws of the contact
     base: Any = None  # the quantity so far, for a law that bends it
     carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
+    passed: float = 0.0  # m of road since the first start of all repetitions
     lead: Any = None  # m from the edge that leads now: x, or while the block slides back, length - x
     direction: int = 1  # -1 while the block slides back
     leg: float = 0.0  # m since this repetition started or last turned round
@@ -145,20 +146,20 @@ class Scene:
     def moment(self, phase: Phase, t: float) -> Moment:
         """The schedule at time t within a phase."""
         s = self.schedule
-        since = t - phase.start
+        since, slid = t - phase.start, s.slid(phase, t)
         if phase.sliding:
             v = s.speed(since)
-            slid = s.slid(phase, t)
-            return Moment(
+            now = Moment(
                 t, v, s.pressure(since), slid, since, 0.0, v, True, self.ambient, phase.repetition,
                 direction=phase.direction, leg=slid - phase.leg_before,
             )  # fmt: skip
-        waited = t - phase.begin
-        return Moment(
-            t, 0.0, s.pressure(s.slide_time), s.distance, since, waited, s.last_speed(),
-            not s.lifted, self.ambient, phase.repetition,
-            direction=phase.direction, leg=s.distance - phase.leg_before,
-        )  # fmt: skip
+        else:
+            now = Moment(
+                t, 0.0, s.pressure(s.slide_time), slid, since, t - phase.begin, s.last_speed(),
+                not s.lifted, self.ambient, phase.repetition,
+                direction=phase.direction, leg=slid - phase.leg_before,
+            )  # fmt: skip
+        return now._replace(passed=phase.slid_before + slid)
 
     def __str__(self) -> str:
         names = ", ".join(a.name for a in self.acting)

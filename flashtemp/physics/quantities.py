@@ -72,7 +72,7 @@ QUANTITIES: dict[str, Quantity] = {
             "contact.micro_resistance", "m2K/W", "0",
             "rise where rubber touches over the mean of its spot, over its flux", "x, y, local pressure",
         ),
-        Quantity("contact.cover", "1", "0", "share of every column that spots cover"),
+        Quantity("contact.cover", "1", "0", "share that spots cover", "edges x along the road; all strips across"),
         Quantity("contact.resolved", "1", "0", "1: the cover counts, 0: averages count"),
         Quantity("march.rate", "1/s", "0", "the integrator's steps are at most its inverse, for a whole phase"),
         Quantity("friction.mu", "1", "0", "friction coefficient", SPOTS),

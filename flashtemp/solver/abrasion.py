@@ -11,6 +11,7 @@ import numpy as np
 from flashtemp.model.laws import STEP
 from flashtemp.solver import kernels_2d
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Response
 
 
@@ -37,12 +38,13 @@ class Answer(NamedTuple):
 class AbrasionCoupling:
     """The linearised way from abrasion, and from swelling, to pressure to heat, and back: for Newton's method.
 
-    Its preconditioner leaves out what swelling does.  What follows when columns are `pressed` harder, and when they are
+    Its preconditioner leaves out what swelling does.  `under` is the road that is touched.  What follows when columns are `pressed` harder, and when they are
     worn `deeper` at the same pressure, None where that changes nothing; `warm` slopes of the rate of abrasion with the
     temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r, by way of the pressure.
     """
 
     b: Balance
+    under: Overlap
     pressed: Answer
     deeper: Answer | None
     warm: tuple[Any, ...]
@@ -65,7 +67,7 @@ class AbrasionCoupling:
         b = self.b
         heat = np.zeros(b.n)
         heat[b.cell_block] = scale * answer.face * change
-        heat[b.cell_road] = scale * answer.road * change
+        self.under.give(scale * answer.road * change, heat)
         if len(b.weight):
             kernels_2d.deposit(b.deep_cells, b.weight, scale * answer.deep * change, heat)
         mesh = b.scene.mesh

@@ -16,6 +16,7 @@ from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Scene
 from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
+from flashtemp.solver.road_frame import RoadFrame
 from flashtemp.solver.winkler import Foundation
 
 LEDGER = ("friction", "into_road", "lane_out", "lane_air")
@@ -42,7 +43,8 @@ class Balance:
         self.ones = np.ones(self.n)
         one = self.ones[: mesh.n_plane]
         kernels_2d.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
-        self.g_in = 1.0 / self.half_x[: mesh.n_road]
+        self.road_frame = RoadFrame.of(scene, self.laws)
+        self.g_in = 1.0 / self.half_x[: mesh.n_road] if self.road_frame is None else np.zeros(mesh.n_road)
         faces = mesh.x[1:]
         back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
         self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
@@ -148,6 +150,15 @@ class Balance:
         mesh = self.scene.mesh
         swollen: np.ndarray = np.einsum("ijk,j->ik", mesh.planes(T)[mesh.block], self.expansion * np.diff(mesh.height))
         return swollen.ravel()
+
+    def carry(self, now) -> np.ndarray:
+        """Heat (n_road,) W/(m K) that moves from line to line with the road: none in the road's own frame."""
+        return self.carry_unit * (now.speed if self.road_frame is None else 0.0)
+
+    def road_heat(self, columns: np.ndarray) -> float:
+        """Heat (J/m) of columns (..., n_road, n_across) of road of even lines, enthalpy rises in K."""
+        mesh = self.scene.mesh
+        return (self.capacity[mesh.road[0]] * (columns @ mesh.share)).sum()
 
     def stored(self, y: np.ndarray) -> tuple[float, float]:
         """Heat in block and in road lanes above ambient, J per metre across."""

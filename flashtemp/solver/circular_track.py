@@ -167,7 +167,7 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
     since = phase.start if scene.schedule.lifted else 0.0
 
     def carried(now):
-        place = phase.slid_before + now.slid - scene.mesh.x[0]
+        place = now.passed - scene.mesh.x[0]
         if phase.turned < since:
             return Incoming(track.carried(now.t, place))
         return track.back(now.t, place, since, phase.turned, balance.share)
@@ -178,7 +178,10 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
 def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | None = None) -> None:
     """Keep the column that leaves the window at a state y, at most 400 per lap, or ten per length of the block."""
     b, scene, now = system.b, system.b.scene, system.moment(t)
-    place = system.phase.slid_before + now.slid - scene.mesh.x[-1]
+    y = system.placed(now, y)
+    place = now.passed - scene.mesh.x[-1]
+    if b.road_frame is not None:  # a whole column, by its centre
+        place = b.road_frame.offset(now.passed)[0] * b.road_frame.dx - scene.mesh.x_centre[-1]
     if track.place and place - track.place[-1] < (track.apart if apart is None else apart):
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()

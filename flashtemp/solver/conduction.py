@@ -11,6 +11,7 @@ from flashtemp.errors import SolverFailure
 from flashtemp.solver import kernels_2d, kernels_3d
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.kernel_arrays import Crossing, Factors, Lines, Transport, Walls
+from flashtemp.solver.road_frame import Overlap
 
 Rows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: cells and slopes, W/(m K)
 
@@ -30,10 +31,31 @@ class Slopes:
     up: np.ndarray
     down: np.ndarray
     deposits: tuple[np.ndarray, np.ndarray] | None
+    under: Overlap
 
-    def diagonal(self, road: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cells and their own slopes where lanes keep their width; `road` (columns,) cells at the interface."""
-        return np.concatenate([self.cell, road]), np.concatenate([self.own, self.lane])
+    def diagonal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cells and their own slopes in P, where lanes keep their width.
+
+        What `across` leaves out, since that road lies on no line of the block, stays in it.
+        """
+        parts = self.under.parts(self.lane)
+        if self.under.other is not None:
+            slope, down, shift = parts[1][1], self.under.parts(self.down)[1][1], self.under.shift
+            ends = slice(None, -shift) if shift < 0 else slice(-shift, None)
+            slope[ends] += down[ends]
+        return np.concatenate([self.cell, *(i for i, _ in parts)]), np.concatenate([self.own, *(w for _, w in parts)])
+
+    def across(self) -> np.ndarray:
+        """Slopes (columns,) in P of all heat of the block with the road on its line, counted in that column of it."""
+        if self.under.other is None:
+            return self.down
+        (_, down), (_, beside) = self.under.parts(self.down)
+        shift = self.under.shift
+        if shift < 0:
+            down[:shift] += beside[-shift:]
+        else:
+            down[shift:] += beside[:-shift]
+        return down
 
 
 def solid(balance: Balance) -> Plane | Slab:
@@ -97,10 +119,11 @@ class Plane:
         """
         gx, gz = self.conductances(kf)
         own = np.zeros(self.b.n)
-        np.add.at(own, *slopes.diagonal(self.b.cell_road))
-        factors = self._factors(gamma, Transport(gx, gz, carry, stretch), own, slopes.up, slopes.down)
+        np.add.at(own, *slopes.diagonal())
+        up, down = slopes.up, slopes.across()
+        factors = self._factors(gamma, Transport(gx, gz, carry, stretch), own, up, down)
         pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
-        crossing = Crossing(slopes.up, slopes.down, *pivots)
+        crossing = Crossing(up, down, *pivots)
         return LinearisedPlane(self, gamma, (gx, gz), carry, stretch, slopes, factors, crossing)
 
     def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
@@ -130,8 +153,11 @@ class LinearisedPlane:
         """
         b, slopes = self.solid.b, self.slopes
         out[:] = 0.0
-        across = slopes.lane, slopes.up, slopes.down
-        kernels_2d.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, *across, T, lane, out)
+        along, up = slopes.lane, slopes.up
+        if slopes.under.other is not None:
+            slopes.under.give(up * T[b.cell_block] + along * lane, out)
+            along, up = 0.0 * along, 0.0 * up
+        kernels_2d.add_slopes(slopes.cell, slopes.own, b.cell_road, b.cell_block, along, up, slopes.down, T, lane, out)
         if slopes.deposits is not None:
             power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * lane
             out[b.cell_block] -= power
@@ -183,9 +209,9 @@ class Slab(Plane):
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedSlab:
         """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
-        diagonal = slopes.diagonal(b.cell_road)
+        diagonal = slopes.diagonal()
         own = np.bincount(diagonal[0] // n, diagonal[1], mesh.n_plane)
-        up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.down))
+        up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.across()))
         kf, stretch = (a if (a != 1.0).any() else b.ones for a in (kf, stretch))  # what is off leaves no trace
         even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
@@ -204,7 +230,7 @@ class Slab(Plane):
     def _crossing(self, gamma: float, slopes: Slopes, diagonal, own, factors: Factors) -> Crossing:
         """Each plane's own interface; slopes come with its share of the width: its own matrix has more by that."""
         mesh, n = self.b.scene.mesh, self.b.scene.mesh.n_across
-        up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.down))
+        up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.across()))
         cell, slope = diagonal
         place = self.face[cell // n]
         at = place >= 0

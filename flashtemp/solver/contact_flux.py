@@ -19,6 +19,7 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver.road_frame import Overlap
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class ContactState:
     block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
     road: np.ndarray  # that of its road cell, which stands for a constant share of the width: 1 where spots cover it
     half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
+    under: Overlap  # the road under the columns
+    rim: Any = 0.0  # m2 K/W by which road that a column of cells holds in part is hotter there than on average
 
 
 class Fluxes(NamedTuple):

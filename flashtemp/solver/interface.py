@@ -15,6 +15,7 @@ from flashtemp.model.laws import STEP, laws_mean
 from flashtemp.solver import contact_flux, lanes
 from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Press
 
 RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
@@ -162,7 +163,7 @@ class Interface:
         state = contact_flux.ContactState(
             m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
             flash=flash, micro=micro, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
-            block=phi, road=phi / self.b.share, half=phi,
+            block=phi, road=phi / self.b.share, half=phi, under=Overlap(self.b.cell_road),
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
 
@@ -171,7 +172,7 @@ class Interface:
         w = self.b.laws("contact.resolved", 0.0, None, now)
         if w == 0.0:
             return state
-        cover, area = self.b.laws("contact.cover", 0.0, None, now), self.b.scene.mesh.column_area
+        (cover, under, edge, rim), area = self._covered(now), self.b.scene.mesh.column_area
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; give more or larger spots")
@@ -182,7 +183,7 @@ class Interface:
             m=state.m + w * (load - 1.0) * state.m,
             phi=state.phi + w * (cover - state.phi),
             covered=state.covered + w * (1.0 - state.covered),
-            flash=(1.0 - w) * state.flash,
+            flash=(1.0 - w) * state.flash + w * edge,
             deep=(1.0 - w) * state.deep,
             lane=state.lane + w * (1.0 - state.lane),
             fall=state.fall + w * (1.0 - state.fall),
@@ -190,7 +191,24 @@ class Interface:
             block=block,
             road=block / self.b.share,
             half=state.half + w * (1.0 - state.half),
+            under=under,
+            rim=w * rim,
         )
+
+    def _covered(self, now) -> tuple[np.ndarray, Overlap, np.ndarray | float, np.ndarray | float]:
+        """Share of every column that spots cover, the road under it, `RoadFrame.edge` and `ContactState.rim`."""
+        b, frame, mesh = self.b, self.b.road_frame, self.b.scene.mesh
+        edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strips(now.passed)
+        cover = b.laws("contact.cover", 0.0, None, now._replace(lead=edges))
+        if frame is None:
+            return cover, Overlap(b.cell_road), 0.0, 0.0
+        area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
+        under = frame.overlap(now.passed, b.cell_road, area)
+        bare = 1.0 - b.laws("contact.cover", 0.0, None, now._replace(lead=frame.edges(now.passed)))
+        passed = np.minimum(now.contact_time, now.waited + mesh.column_x / max(now.last_speed, 1e-300))
+        rim = frame.rim(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
+        cover = (area[::2] + area[1::2]).ravel() / frame.dx
+        return cover, under, frame.edge(cover, now.last_speed, b.scene.block), rim
 
     def _memory(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
         """`lanes.weights` after `slid` m; they stay as they are once the block has slid by its length."""
@@ -240,7 +258,7 @@ class Interface:
             T[b.cell_block] + ambient,
             lanes.rises(b, state, T, T_in) + ambient,
             b.half_block / kf[b.cell_block],
-            b.half_road / kf[b.cell_road],
+            b.half_road / kf[b.cell_road] + state.rim,
             law("friction.mu", 0.0),
             law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
             self.recent.touch,
@@ -270,6 +288,7 @@ class Interface:
         response = b.foundation.response(contact.press)
         return AbrasionCoupling(
             b,
+            contact.state.under,
             pressed,
             None if deeper is None else self._answer(deeper, now, T, T_in, kf),
             warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),

@@ -123,5 +123,5 @@ def rises(b: Balance, state: Any, T, T_in) -> np.ndarray:
     """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over road entering at T_in."""
     mesh = b.scene.mesh
     under = np.tile(T_in[-mesh.n_across :], mesh.last - mesh.first)
-    found: np.ndarray = under + state.lane * (T[b.cell_road] - under - fallen(b, state, T, T_in))
+    found: np.ndarray = under + state.lane * (state.under.seen(T) - under - fallen(b, state, T, T_in))
     return found

@@ -21,7 +21,7 @@ from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record, record_times
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import System
-from flashtemp.solver.turning import renew, renews
+from flashtemp.solver.turning import pass_on, renew, renews
 
 Path = list[tuple[float, np.ndarray]]  # time and state of every step
 
@@ -55,7 +55,7 @@ def march(
         now.wall = spent + clock.perf_counter() - began
         return watch is not None and watch(now)
 
-    phases = scene.schedule.phases
+    phases, at = scene.schedule.phases, 0
     while now.phase < len(phases):
         phase = phases[now.phase]
         if not resumed and now.phase > 0 and renews(phases[now.phase - 1], phase):
@@ -63,11 +63,19 @@ def march(
             renew(balance, phases[now.phase - 1], phase, now)
             if beside is not None:
                 beside.renew(phases[now.phase - 1], phase, old)
-        path: Path | None = [] if beside is not None else None
-        _stretch(System(balance, phase, inflow(balance, phase, now.track)), settings, now, resumed, stop, path)
-        if beside is not None:
-            beside.stretch(phase, path, now.records)
-        resumed = False
+        due = record_times(phase, scene.schedule, settings)
+        for system in _legs(balance, phase, now, resumed):
+            old = now.y
+            if not resumed and system.leg > at:
+                pass_on(system, now)
+                if beside is not None:
+                    beside.pass_on(system.phase, system.leg, old)
+            at = system.leg
+            path: Path | None = [] if beside is not None else None
+            _stretch(system, settings, now, due, resumed, stop, path)
+            if beside is not None:
+                beside.stretch(system.phase, path, now.records, system.leg)
+            resumed = False
         now.phase += 1
     now.wall = spent + clock.perf_counter() - began
     return limits.audit(finish(balance, now, title), settings.atol or 10 * settings.rtol)
@@ -83,15 +91,26 @@ def _balance(scene: Scene) -> Balance:
         raise
 
 
-def _stretch(system: System, settings, now: Progress, resumed: bool, stop: Callable[[], bool], path) -> None:
-    """One phase: integrate, record, keep what leaves on the track; `path` gets every step."""
+def _legs(balance: Balance, phase, now: Progress, resumed: bool) -> list[System]:
+    """The system during a phase, or during each leg of it where the road is in its own frame; what is over is left out.
+
+    A leg that is over just now is not: it says how the state lies in memory.
+    """
+    flow, frame = inflow(balance, phase, now.track), balance.road_frame
+    if frame is None:
+        return [System(balance, phase, flow)]
+    legs = frame.legs(balance.scene.schedule, phase)
+    return [System(balance, part, flow, leg) for leg, part in legs if not (resumed and part.end < now.t)]
+
+
+def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: Callable[[], bool], path) -> None:
+    """One phase or leg: integrate, record what is `due`, keep what leaves on the track; `path` gets every step."""
     phase = system.phase
     solver = Integrator(settings.binding, system, _tolerance(system, settings))
-    due = record_times(phase, system.b.scene.schedule, settings)
     t, y, before = phase.begin, now.y, now.steps
     if resumed:
         last = now.records["time"][-1] if now.records else -np.inf  # a fault may have come between two of a step
-        t, due = now.t, [one for one in due if one[0] > last]
+        t, due[:] = now.t, [one for one in due if one[0] > last]
     tiny = 1e-9 * (phase.end - phase.begin)
     try:
         if due and due[0][0] <= t + tiny:
@@ -157,7 +176,8 @@ def law_at_fault(scene: Scene, fault: Exception) -> str | None:
 
 def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> str:
     """The failure with time, hottest cell and the effect with the largest heat."""
-    b, mesh, h = system.b, system.b.scene.mesh, y[: system.b.n]
+    b, mesh = system.b, system.b.scene.mesh
+    h = system.placed(system.moment(t), y)[: b.n]
     bad = np.flatnonzero(~np.isfinite(h))
     cell = int(bad[0]) if len(bad) else int(np.argmax(np.abs(h)))
     body = "block" if mesh.level[cell // mesh.n_across] >= mesh.n_road else "road"

@@ -45,17 +45,18 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
     moment, worn = system.moment(t), b.worn_depth(y)
     if worn.max() >= b.scene.height:
         raise SolverFailure("the block is worn through to its holder")
-    T, entering = b.rise(y[: b.n]), system.entering(moment)
+    T, entering = b.rise(system.placed(moment, y)[: b.n]), system.entering(moment)
     kf = system.solid.conduction(T, moment)
     contact = system.interface.contact(moment, worn, T, entering, kf)
     profiles = _temperatures(system, moment, contact, T, entering, kf) | {
         "pressure": contact.state.pressure * (1.0 if moment.touching else 0.0),
         "worn": worn,
     }
+    shown = T if b.road_frame is None else b.road_frame.shown(T, moment.passed)
     profiles = {name: _along_block(mesh, values, phase.direction) for name, values in profiles.items()}
-    wake = {"T_wake": _surface(b, T, entering, mesh.road[mesh.last :])}
+    wake = {"T_wake": _surface(b, shown, entering, mesh.road[mesh.last :])}
     if -1 in b.scene.schedule.directions:
-        wake["T_ahead"] = _surface(b, T, entering, mesh.road[: mesh.first])
+        wake["T_ahead"] = _surface(b, shown, entering, mesh.road[: mesh.first])
     energy = _energy(b, y, now)
     row = {
         "time": t,
@@ -75,7 +76,7 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         row["T_spot"] = mesh.across(weight * profiles["T_spot"]) / mesh.across(weight)
         profiles["cover"] = cover
     if frame:
-        kept = {"cells": _cells(system, moment, contact, T, entering)}
+        kept = {"cells": _cells(system, moment, contact, shown, entering)}
         if mesh.n_across > 1:
             kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
         now.frames.append({name: a.astype(precision) for name, a in kept.items()})

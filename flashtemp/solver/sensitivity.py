@@ -24,8 +24,8 @@ from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
 from flashtemp.solver.stretching import phase_of, stretched
-from flashtemp.solver.system import Linearised, System
-from flashtemp.solver.turning import renew
+from flashtemp.solver.system import Linearised, Moved, System
+from flashtemp.solver.turning import pass_on, renew
 
 FIRST, MOST = 1e-3, 0.1  # first and longest step, in lengths of a stretch
 CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
@@ -111,12 +111,21 @@ class _Neighbour:
         """The neighbour's own phase at the time of one of the run."""
         return phase if self.as_one else phase_of(phase, self.plain, self.scene.schedule)
 
-    def during(self, phase: Phase) -> _During:
-        """The neighbour during one phase of the run's schedule."""
+    def system(self, phase: Phase, leg: int) -> System:
+        """The neighbour's own system during a phase of its own, or one leg of it."""
+        return System(self.balance, phase, inflow(self.balance, phase, self.now.track), leg)
+
+    def pass_on(self, phase: Phase, leg: int, y, s) -> np.ndarray:
+        """The state after the road was put back on the mesh."""
+        self.now.y = self.state(y, s)
+        pass_on(self.system(self.phase(phase), leg), self.now)
+        return self.now.y[: self.m]
+
+    def during(self, phase: Phase, leg: int = 0) -> _During:
+        """The neighbour during one phase of the run's schedule, or one leg of it."""
         own = self.phase(phase)
         pace = 1.0 if self.as_one else (own.end - own.begin) / (phase.end - phase.begin)
-        system = System(self.balance, own, inflow(self.balance, own, self.now.track))
-        return _During(self, system, np.zeros(self.balance.size), phase.begin, pace)
+        return _During(self, self.system(own, leg), np.zeros(self.balance.size), phase.begin, pace)
 
     def renew(self, before: Phase, phase: Phase, y, s) -> np.ndarray:
         """The state after the road was made new, or the block turned to slide back."""
@@ -182,7 +191,15 @@ class Neighbours:
             if one.since < before.end:
                 one.s[: one.m] = (one.renew(before, phase, old, one.s) - zero[: one.m]) / one.step
 
-    def stretch(self, phase, path, records) -> None:
+    def pass_on(self, phase, leg: int, old: np.ndarray) -> None:
+        """The road in its own frame is put back on the mesh, out of the run's state `old`."""
+        level, *moved = self.all
+        zero = level.pass_on(phase, leg, old, level.s)
+        for one in moved:
+            if one.since < phase.begin:
+                one.s[: one.m] = (one.pass_on(phase, leg, old, one.s) - zero[: one.m]) / one.step
+
+    def stretch(self, phase, path, records, leg: int = 0) -> None:
         """Integrate the differences over a stretch of which the run took the steps `path`."""
         level, *moved = self.all
         times = self._times(phase, records)
@@ -193,7 +210,7 @@ class Neighbours:
                 kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in KEPT}
                 one.now.track = replace(one.now.track, **kept)
         S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
-        S = _integrate(phase, _Path(path), level.during(phase), [one.during(phase) for one in live], S, times)
+        S = _integrate(phase, _Path(path), level.during(phase, leg), [one.during(phase, leg) for one in live], S, times)
         for k, one in enumerate(live):
             one.s = S[k]
         for one in idle:  # what the run recorded holds for them too
@@ -305,7 +322,7 @@ def _copy(source: Progress, target: Progress, phase) -> None:
                 target.records.setdefault(name, []).append(source.records[name][i])
 
 
-def solve(at: Linearised, size: int, R: np.ndarray) -> np.ndarray:
+def solve(at: Linearised | Moved, size: int, R: np.ndarray) -> np.ndarray:
     """(1 - gamma J)^-1 R for many right-hand sides (k, state), by one sweep of the preconditioner each.
 
     The next step's prediction starts from the result, so that a second sweep changes traces by 0.02 % only.

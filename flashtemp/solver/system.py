@@ -14,6 +14,7 @@ from flashtemp.solver.abrasion import AbrasionCoupling
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import Contact, Interface
+from flashtemp.solver.road_frame import RoadFrame
 
 
 class Incoming(NamedTuple):
@@ -37,6 +38,7 @@ class System:
     b: Balance
     phase: Any
     inflow: Inflow | None = None
+    leg: int = 0  # of the road in its own frame
     solid: conduction.Plane | conduction.Slab = field(init=False)
     interface: Interface = field(init=False)
 
@@ -70,26 +72,48 @@ class System:
         return 0.0 if self.inflow is None else self.inflow(now).back
 
     def contact(self, now, y) -> Contact:
-        """Block and road at a state y: pressure, contact laws and, unless the block is lifted, fluxes."""
+        """Block and road at a state y as `placed`: pressure, contact laws and, unless the block is lifted, fluxes."""
         T = self.b.rise(y[: self.b.n])
         return self.interface.contact(now, self.b.worn_depth(y), T, self.entering(now), self.solid.conduction(T, now))
+
+    def entering_enthalpy(self, T_in: np.ndarray) -> np.ndarray:
+        """Enthalpy rise (n_road n_across,) of road that enters with a rise T_in."""
+        gradient = self.b.capacity_gradient
+        return T_in if gradient is None else T_in * (1 + 0.5 * gradient[: len(T_in)] * T_in)
+
+    def placed(self, now, y: np.ndarray) -> np.ndarray:
+        """A state as it lies under the block: road in its own frame is moved on, behind road that enters."""
+        frame = self.b.road_frame
+        if frame is None:
+            return y
+        k = frame.lines(now.passed, self.leg)
+        return frame.placed(y, k, self.entering_enthalpy(self.entering(now)))
 
     # --- rate --------------------------------------------------------------------------------
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
         """dy/dt of cells (K/s), worn depth (units per s) and ledger (W/m) at time t (s)."""
+        now, b = self.moment(t), self.b
+        if b.road_frame is None:
+            return self._rate(now, y, out)
+        y, k = self.placed(now, y), b.road_frame.lines(now.passed, self.leg)
+        moved = np.empty_like(out)
+        self._rate(now, y, moved)
+        front = b.road_frame.back(moved, k, out, 0.0)
+        out[b.entry["lane_out"]] += b.road_heat(front)
+        return None
+
+    def _rate(self, now, y: np.ndarray, out: np.ndarray) -> None:
+        """The rate at a state as `placed`."""
         b, n = self.b, self.b.n
-        now = self.moment(t)
         h = y[:n]
         T = b.rise(h)
         q = out[:n]
         out[:] = 0.0
         kf = self.solid.conduction(T, now)
-        carry = b.carry_unit * now.speed
+        carry = b.carry(now)
         T_in = self.entering(now)
         T_enter = T_in + self.back(now) if self.phase.turned > -np.inf else T_in
-        h_in = (
-            T_enter if b.capacity_gradient is None else T_enter * (1 + 0.5 * b.capacity_gradient[: len(T_in)] * T_enter)
-        )
+        h_in = self.entering_enthalpy(T_enter)
         led = dict.fromkeys(b.ledger, 0.0)
         contact = self.interface.contact(now, b.worn_depth(y), T, T_in, kf)
         state, flux = contact.state, contact.flux
@@ -110,7 +134,7 @@ class System:
         b, area = self.b, self.b.scene.mesh.column_area
         road = flux.into_road * area
         q[b.cell_block] += state.block * flux.into_block * area
-        q[b.cell_road] += state.road * road
+        state.under.give(state.road * road, q)
         if len(b.weight):
             kernels_2d.deposit(b.deep_cells, b.weight, state.block * flux.deep * area, q)
         led["friction"] = (state.block * flux.heat * area).sum()
@@ -126,14 +150,19 @@ class System:
         return (leave @ mesh.share).sum()
 
     # --- linearisation -------------------------------------------------------------------------
-    def linearised(self, t: float, y: np.ndarray, gamma: float) -> Linearised:
+    def linearised(self, t: float, y: np.ndarray, gamma: float) -> Linearised | Moved:
         """The balance linearised at (t, y), with P = I - gamma J factorised by depth lines."""
+        now, frame = self.moment(t), self.b.road_frame
+        at = self._linearised(now, self.placed(now, y), gamma)
+        return at if frame is None else Moved(at, frame, frame.lines(now.passed, self.leg))
+
+    def _linearised(self, now, y: np.ndarray, gamma: float) -> Linearised:
+        """Around a state as `placed`."""
         b = self.b
-        now = self.moment(t)
         T = b.rise(y[: b.n])
         kf = self.solid.conduction(T, now)
         T_in = self.entering(now)
-        carry = b.carry_unit * now.speed
+        carry = b.carry(now)
         stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
         contact = self.interface.contact(now, b.worn_depth(y), T, T_in, kf, slopes=True)
         at_walls = b.boundary.slopes(self.interface.at(contact.state, now), T, kf)
@@ -173,10 +202,10 @@ def _contact_slopes(b: Balance, contact: Contact, at_walls):
         along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
         for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
             books[name] = w * slopes[1]
-            rows[name] += [(b.cell_block, w * slopes[0]), (b.cell_road, books[name])]
+            rows[name] += [(b.cell_block, w * slopes[0]), *state.under.parts(books[name])]
     cell = np.concatenate([np.empty(0, dtype=np.int64), *(cells for cells, _ in own)])
     slope = np.concatenate([np.empty(0), *(slope for _, slope in own)])
-    return conduction.Slopes(cell, slope, along, up, down, deposits), rows, books
+    return conduction.Slopes(cell, slope, along, up, down, deposits, state.under), rows, books
 
 
 def _leaving_slopes(b: Balance, carry, stretch) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -219,7 +248,7 @@ class Linearised:
         T = h if b.capacity_gradient is None else h / self.stretch
         out[n:] = 0.0
         fallen = lanes.fallen(b, self.contact, T)
-        lane = T[b.cell_road] - fallen
+        lane = self.contact.under.seen(T) - fallen
         self.solid.product(T, lane, out[:n])
         for name, (index, weight) in self.rows.items():
             out[b.entry[name]] = weight @ T[index]
@@ -242,6 +271,29 @@ class Linearised:
         for name, (index, weight) in self.rows.items():
             z[b.entry[name]] += self.gamma * (weight @ T[index])
         if w is not None:
-            z[b.worn] += self.gamma * w.heated(T[b.cell_block], T[b.cell_road])
+            z[b.worn] += self.gamma * w.heated(T[b.cell_block], self.contact.under.seen(T))
         if b.capacity_gradient is not None:
             T *= self.stretch
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A system `at` a state as it lies under the block, for road that lies `k` lines further upstream in memory."""
+
+    at: Linearised
+    frame: RoadFrame
+    k: int
+
+    def times(self, v: np.ndarray, out: np.ndarray) -> None:
+        """out = J v; road that has gone changes no more, and what has not come yet is given."""
+        b, moved = self.at.b, np.empty_like(out)
+        self.at.times(self.frame.placed(v, self.k, 0.0), moved)
+        front = self.frame.back(moved, self.k, out, 0.0)
+        out[b.entry["lane_out"]] += b.road_heat(front)
+
+    def solve(self, r: np.ndarray, z: np.ndarray) -> None:
+        """z = P^-1 r; what P gives to road that has not come yet is booked as gone, so that heat is conserved."""
+        b, moved = self.at.b, np.empty_like(z)
+        self.at.solve(self.frame.placed(r, self.k, 0.0), moved)
+        front = self.frame.back(moved, self.k, z, r[: b.n])
+        z[b.entry["lane_out"]] += b.road_heat(front)

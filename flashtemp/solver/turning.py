@@ -30,6 +30,21 @@ def renews(before: Any, phase: Any) -> bool:
     return bool(phase.direction != before.direction or (phase.sliding and phase.begin == phase.start))
 
 
+def pass_on(system: System, now: Progress) -> None:
+    """Put the road in its own frame back on the mesh at the begin of a leg: columns behind go, others come in front."""
+    b, mesh, frame = system.b, system.b.scene.mesh, system.b.road_frame
+    assert frame is not None
+    moment, lines = system.moment(system.phase.begin), frame.passing
+    before = mesh.x_centre[:lines] - mesh.x[0]  # so far behind the edge of the window has road come already
+    come = [system.entering(moment._replace(passed=moment.passed - way)) for way in before]
+    fresh = np.stack([system.entering_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in come])
+    y = frame.placed(now.y, lines, 0.0)
+    gone = mesh.planes(now.y[: b.n])[mesh.road[-lines:]]
+    mesh.planes(y[: b.n])[mesh.road[:lines]] = fresh
+    y[b.entry["lane_out"]] += b.road_heat(gone) - b.road_heat(fresh)
+    now.y = y
+
+
 def restart(balance: Balance, before: Any, now: Progress) -> None:
     """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
     scene, mesh = balance.scene, balance.scene.mesh

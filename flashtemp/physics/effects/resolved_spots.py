@@ -47,7 +47,7 @@ class ResolvedSpots(Effect):
         return values
 
     def heat(self, scene, p):
-        """Covered share of every column, and the longest step that follows the spots."""
+        """Covered share between edges along x, and the longest step that follows the spots."""
         D, phi = scene.spot_diameter, scene.spot_fraction
 
         @cache
@@ -65,12 +65,13 @@ class ResolvedSpots(Effect):
         def cover(T, now, p):
             repeat, area = ground()
             mesh, count = scene.mesh, area.shape[1] - 1
-            edges = (mesh.x[mesh.first : mesh.last + 1] - now.slid) / repeat
+            x = mesh.x[mesh.first : mesh.last + 1] if now.lead is None else now.lead
+            edges = (x - now.slid) / repeat
             turns = np.floor(edges)
             at = (edges - turns) * count
             k = np.minimum(at.astype(int), count - 1)
             F = area[:, k] + (at - k) * (area[:, k + 1] - area[:, k]) + turns * area[:, -1:]
-            return (np.diff(F, axis=1) / mesh.dx_block).T.ravel()
+            return (np.diff(F, axis=1) / np.maximum(np.diff(x), 1e-12)).T.ravel()
 
         yield Term("contact.cover", cover)
         yield Term("contact.resolved", lambda T, now, p: p.weight)

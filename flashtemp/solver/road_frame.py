@@ -57,7 +57,7 @@ class RoadFrame:
 
     @classmethod
     def of(cls, scene, laws) -> RoadFrame | None:
-        """That of a scene with resolved spots; None without them, where lines are not even or none lies in front, or it turns."""
+        """That of a scene with resolved spots; None where lines are not even, none lies in front, or sliding turns."""
         mesh, now = scene.mesh, scene.moment(scene.schedule.phases[0], 0.0)
         dx = np.diff(mesh.x)
         if not laws("contact.resolved", 0.0, None, now) > 0 or np.ptp(dx) > EVEN * dx.mean():

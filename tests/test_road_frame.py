@@ -105,7 +105,7 @@ def test_the_program_of_waves_agrees_with_itself_and_with_a_road_alone(lab):
     coarse, fine = (one_disc_by_waves(lab.RUBBER, lab.ROAD, n, steps) for n, steps in ((16, 36), (24, 48)))
     assert coarse == pytest.approx(fine, rel=5e-3)
     assert fine == pytest.approx(1.172e-4, rel=2e-3)  # 36 pixels, 96 steps
-    found = one_disc_by_waves(lab.NO_BLOCK, lab.ROAD, 16, 36)
+    found = one_disc_by_waves(lab.NO_BLOCK, lab.ROAD, 24, 48)
     assert found == pytest.approx(alone(lab.ROAD, WAY * D / SPEED), rel=5e-3)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from flashtemp.meshes.mesh import Mesh
 
 EVEN = 1e-6  # relative difference of cell lengths that rounding may leave
-RIM = 5 / 6  # mean over the rim of a disc: 1/2 where it crosses a cell squarely, more where it does so aslant
+RIM = 0.5  # mean over the passage of a rim that crosses a cell squarely; aslant it is more
 NEAR = 1e-9  # of a leg: closer to its end a leg counts as complete
 
 

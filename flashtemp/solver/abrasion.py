@@ -38,10 +38,10 @@ class Answer(NamedTuple):
 class AbrasionCoupling:
     """The linearised way from abrasion, and from swelling, to pressure to heat, and back: for Newton's method.
 
-    Its preconditioner leaves out what swelling does.  `under` is the road that is touched.  What follows when columns are
-    `pressed` harder, and when they are worn `deeper` at the same pressure, None where that changes nothing; `warm` slopes
-    of the rate of abrasion with the temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r, by
-    way of the pressure.
+    Its preconditioner leaves out what swelling does.  `under` is the road that is touched.  What follows when columns
+    are `pressed` harder, and when they are worn `deeper` at the same pressure, None where that changes nothing; `warm`
+    slopes of the rate of abrasion with the temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1
+    r, by way of the pressure.
     """
 
     b: Balance

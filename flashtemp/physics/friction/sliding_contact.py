@@ -79,7 +79,8 @@ class Surface:
 
         def level(field: np.ndarray) -> np.ndarray:
             inside: np.ndarray = field[on]
-            return inside - inside.mean()
+            inside -= inside.mean()
+            return inside
 
         def spread(values: np.ndarray) -> np.ndarray:
             field = np.zeros(self.shape)

@@ -45,25 +45,11 @@ def build(
       road  10 x 6, first cell 3 um
     """
     along, up, down = cells
-    if both:
-        last_x = first_x = min(first_x, last_x)
-        upstream = downstream = max(upstream, downstream)
     finer_x, finer_up, finer_down = np.broadcast_to(refine, 3).tolist()
-    x = two_sided(length, first_x, last_x, along, finer_x)
-    if both:
-        x = 0.5 * (x + (length - x[::-1]))
-    first, last = 0, len(x) - 1
     if even:
         x, first, last = _even(length, max(4, round(along * finer_x)), upstream, downstream)
-    elif upstream > 0:
-        n = _cells_for(downstream, last_x, behind) if both else _cells_for(upstream, 4 * first_x, 1.9)
-        before = -geometric(upstream, first_x, n, finer_x)[::-1]
-        first = len(before) - 1
-        x = np.concatenate([before[:-1], x])
-        last = len(x) - 1
-    if downstream > 0 and not even:
-        n = _cells_for(downstream, last_x, behind)
-        x = np.concatenate([x, length + geometric(downstream, last_x, n, finer_x)[1:]])
+    else:
+        x, first, last = _graded(length, first_x, last_x, along, finer_x, upstream, downstream, behind, both)
     return Mesh(
         x=x,
         depth=geometric(depth, first_road, down, finer_down),
@@ -81,6 +67,30 @@ def _across(width: float, cells: int, first: float | None, refine: float) -> np.
     if first is None or cells < 4:
         first = width
     return two_sided(width, first, first, cells, refine) - 0.5 * width
+
+
+def _graded(
+    length: float, first_x: float, last_x: float, along: int, finer: float,
+    upstream: float, downstream: float, behind: float, both: bool,
+) -> tuple[np.ndarray, int, int]:  # fmt: skip
+    """Edges of lines that are fine at both edges of the block, and between which of them it stands."""
+    if both:
+        last_x = first_x = min(first_x, last_x)
+        upstream = downstream = max(upstream, downstream)
+    x = two_sided(length, first_x, last_x, along, finer)
+    if both:
+        x = 0.5 * (x + (length - x[::-1]))
+    first = 0
+    if upstream > 0:
+        n = _cells_for(downstream, last_x, behind) if both else _cells_for(upstream, 4 * first_x, 1.9)
+        before = -geometric(upstream, first_x, n, finer)[::-1]
+        first = len(before) - 1
+        x = np.concatenate([before[:-1], x])
+    last = len(x) - 1
+    if downstream > 0:
+        n = _cells_for(downstream, last_x, behind)
+        x = np.concatenate([x, length + geometric(downstream, last_x, n, finer)[1:]])
+    return x, first, last
 
 
 def _even(length: float, cells: int, upstream: float, downstream: float) -> tuple[np.ndarray, int, int]:

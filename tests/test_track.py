@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from flashtemp.meshes.grading import geometric
+from flashtemp.model.case import load
 from flashtemp.solver.circular_track import Track
+from flashtemp.solver.march import march
 
 K, RC = 1.0, 2300 * 950.0
 EDGES = geometric(0.3, 1e-5, 90)
@@ -69,3 +71,25 @@ def test_only_what_has_passed_comes_round():
     assert not t.carried(5.0, 3.5 + 0.9).any()
     assert t.carried(1.0, 3.5 + 1.05)[0] == pytest.approx(12.0)
     assert not t.carried(5.0, 1.05).any()
+
+
+def slid_in(parts: int, tmp_path):
+    """0.12 m slid over in a number of repetitions without a wait between them, spots everywhere, no flash."""
+    (tmp_path / "case.toml").write_text('effects = ["track_memory"]\n', encoding="utf-8")
+    given = {
+        "contact.spot_fraction": 1.0, "contact.flash_factor": 0.0, "schedule.repetitions": parts,
+        "schedule.distance": 0.12 / parts, "numerics.mesh": "coarse", "numerics.rtol": 1e-6,
+    }  # fmt: skip
+    case = load(tmp_path, given)
+    return march(case.scene, case.settings)
+
+
+def test_a_new_start_without_a_wait_changes_nothing(tmp_path):
+    """The block is lifted and set down again in no time: the road around it is as it was, and all of its heat."""
+    one, two = (slid_in(parts, tmp_path) for parts in (1, 2))
+    rise = np.ptp(one.T_block)
+    np.testing.assert_allclose(two.T_block[-1], one.T_block[-1], atol=1e-3 * rise)
+    np.testing.assert_allclose(two.T_wake[-1], one.T_wake[-1], atol=1e-3 * rise)
+    np.testing.assert_allclose(two.field[-1], one.field[-1], atol=1e-3 * rise)
+    kept = [run.energy["lanes"][-1] + run.energy["lane_out"][-1] for run in (one, two)]
+    assert kept[1] == pytest.approx(kept[0], rel=1e-3)

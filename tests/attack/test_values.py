@@ -68,10 +68,3 @@ def test_some_wrong_values(folder):
     found = attack(folder, random.Random(SEED).sample(attacks(), QUICK))
     assert found["told"] > QUICK / 2
     assert found["taken"] > 5
-
-
-@pytest.mark.long
-def test_all_wrong_values(folder, record_property):
-    tried = attacks()
-    found = attack(folder, tried)
-    record_property("values of keys", f"{len(tried)} tried, {found['told']} told, {found['taken']} taken")

@@ -190,7 +190,13 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
 
 
 def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
-    lost = {"effects": ["wear"], "wear.rate": 1e-7, "schedule.speed": 1.0, "contact.pressure": 1e7}
+    lost = {
+        "effects": ["wear"],
+        "wear.rate": 1e-7,
+        "schedule.speed": 1.0,
+        "contact.pressure": 1e7,
+        "limits.temperature": 1e5,
+    }
     with pytest.raises(flashtemp.SolverFailure, match="worn through"):
         simulate(load(folder, SMALL | lost), out=tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

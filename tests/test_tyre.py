@@ -257,7 +257,7 @@ def test_a_control_that_falls_is_told(corner):
     """Without a maximum inside at the angles of the law's maxima."""
     found = corner(20.0, 0.01)
     assert not any("control" in said for said in rolling._doubts(found))
-    curves = found.curves | {("brush", "cold"): found.curves["brush", "cold"] * np.array([[1.0], [0.98], [0.96]])}
+    curves = found.curves | {("brush", "cold"): found.curves["brush", "cold"] * np.array([[1.0], [0.9], [0.8]])}
     edge = tuple(p._replace(last=True) for p in found.peaks["brush", "cold"])
     said = rolling._doubts(replace(found, curves=curves, peaks=found.peaks | {("brush", "cold"): edge}))[-1]
     assert said.startswith("brush: a control without flash temperature falls with load as well")

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from flashtemp.camera import observation
 from flashtemp.camera.observation import Instrument, observe, pixel_weights, wall_cooling
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
@@ -206,6 +207,17 @@ def test_the_operator_is_differentiable(slid):
         slope = image(1e-30j).imag / 1e-30
         wanted = (image(h) - image(-h)) / (2 * h)
         np.testing.assert_allclose(slope, wanted, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("view", ["sidewall", "profile", "wake"])
+def test_many_frames_are_seen_a_few_at_a_time_and_alike(slid, monkeypatch, view):
+    scene, run = slid
+    told = recording(view, times=(0.0, 0.13, 0.2, 0.5, 0.77, 0.9, 1.0))
+    whole = observe(run, scene, told)
+    monkeypatch.setattr(observation, "BATCH", 2)
+    parts = observe(run, scene, told)
+    np.testing.assert_allclose(parts.temperature, whole.temperature, rtol=0.0, atol=1e-11)
+    np.testing.assert_array_equal(parts.inside, whole.inside)
 
 
 # --- wake and profile -------------------------------------------------------------------------------

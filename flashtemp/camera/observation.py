@@ -6,7 +6,7 @@ turns the mean back with the emissivity and the reflected temperature it was tol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +24,7 @@ TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
 ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
+BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
 RIM = 1.5  # px around the edge of a body that no comparison uses
 
 
@@ -164,20 +165,31 @@ def observe(
     """
     camera = Instrument(recording, acting)
     times = np.clip(camera.times(), 0.0, run.time[-1])
-    body, along, up = _body(run, scene, recording, times)
     background = scene.ambient - KELVIN
     line = recording.view == "profile"
     given = recording.emissivity or (1.0 if line else TYPICAL)
     reflected = background if recording.reflected_degC is None else recording.reflected_degC
     emissivity = camera("emissivity", given + change)
     mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
-    x = _weights(camera, 0, along, shift)
-    z = np.ones((1, 1)) if line else _weights(camera, 1, up, shift)
-    outside = LONG_WAVE.counts(background)
-    S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
-    told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
+    outside, shown = LONG_WAVE.counts(background), []
+    batches = np.array_split(times, max(1, -(-len(times) // BATCH)))
+    for batch in batches:
+        body, along, up = _body(run if len(batches) == 1 else _around(run, batch), scene, recording, batch)
+        x = _weights(camera, 0, along, shift)
+        z = np.ones((1, 1)) if line else _weights(camera, 1, up, shift)
+        S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
+        told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
+        shown.append(LONG_WAVE.temperature(told))
     offset = np.broadcast_to(camera("offset", 0.0), len(times))
-    return Seen(LONG_WAVE.temperature(told) + offset[:, None, None], _inside(recording, along, up))
+    return Seen(np.concatenate(shown) + offset[:, None, None], _inside(recording, along, up))
+
+
+def _around(run, times: np.ndarray):
+    """The run with those of its fields alone between which `times` (s) lie."""
+    kept = run.time[run.frames]
+    k = slice(max(np.searchsorted(kept, times.min()) - 1, 0), np.searchsorted(kept, times.max()) + 1)
+    maps = {name: values[k] for name, values in run.maps.items()}
+    return replace(run, frames=run.frames[k], field=run.field[k], maps=maps)
 
 
 def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:

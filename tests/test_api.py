@@ -23,6 +23,7 @@ ELSEWHERE = {  # options of commands whose place in Python is another: (command,
     ("run", "resume"): "resume", ("import", "template"): "recording_template",
     ("spots", "synthetic"): "spots",  # no file
     ("effects", "check"): "check_effect", ("effects", "values"): "check_effect",
+    ("friction", "area"): "area",
 }  # fmt: skip
 RENAMED = {("sweep", "values"): "axes", ("import", "facts"): "facts"}
 TITLE = 'a <b>bold</b> & "quoted" title'
@@ -68,6 +69,8 @@ def test_every_command_is_one_call(command):
             assert callable(getattr(flashtemp, ELSEWHERE[command, name]))
         elif name == "trust":  # what is loaded has been trusted or not
             assert {"trust"} <= {*inspect.signature(flashtemp.load).parameters}
+        elif name == "limit":  # what is opened was within it
+            assert {"limit"} <= {*inspect.signature(flashtemp.open_campaign).parameters}
         else:
             assert RENAMED.get((command, name), name) in known or name == "files", name
 
@@ -110,6 +113,7 @@ CALLS = {  # every public call on something small
         next((lab / "twin").glob("*.nc")), view="sidewall", out=lab / "side.nc"
     ),
     "friction": lambda lab: flashtemp.friction(THEORY, slowest=1e-3, fastest=1.0),
+    "area": lambda lab: flashtemp.area(THEORY),
     "tread": lambda lab: flashtemp.tread(THEORY, {"title": TITLE, "tread.slip": [0.05]}),
     "tyre": lambda lab: flashtemp.tyre(ROOT / "cases" / "tyre", {"title": TITLE, "tyre.angles": [2.0, 4.0], "tyre.loads": [2e3, 4e3]}),
     "spots": lambda lab: flashtemp.spots(cutoff=2e-3, length=0.01, width=0.01, pixel=2e-4, out=lab / "road.npz"),

@@ -171,7 +171,7 @@ def test_anisotropy_is_felt_along_the_block_only(lab):
         x, z = grid.x_centre[grid.line[grid.block]], grid.z_centre[grid.block]
         for place, factor in ((x / length, 1 + excess), (z / height, 1.0)):
             wave = np.cos(np.pi * place)
-            rise = lab.slide(scene, warm=10.0 * wave)[1][grid.block]
+            rise = lab.slide(scene, warm=10.0 * (1.0 + wave))[1][grid.block]
             left = (rise * wave).sum() / (10.0 * wave**2).sum()
             rate = -np.log(left) / 10.0
             expected = factor * scene.block.diffusivity * (np.pi / length) ** 2

@@ -104,7 +104,7 @@ def test_a_changed_file_is_another_point(case, tmp_path):
 
 def test_a_point_that_fails_is_told_and_the_rest_stays(case, tmp_path, capsys):
     """Wear right through the block under the higher load."""
-    values = ["contact.pressure=1e5,1e7", "effects=wear", "wear.rate=1e-7", "schedule.speed=1.0"]
+    values = ["contact.pressure=1e5,1e7", "effects=wear", "wear.rate=1e-7", "schedule.speed=1.0", "friction.mu=0.1"]
     out = tmp_path / "out"
     assert main(["sweep", str(case), *values, "--out", str(out), "--json", "--workers", "1"]) == 1
     said = json.loads(capsys.readouterr().out)

@@ -42,6 +42,9 @@ def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[
         flux = _taken(b, heat + TRACE * heat.mean() + TRACE, common[0], here[:, j], now)
         for k, W in enumerate(weights):
             out[k, :, j] = common[k] @ flux / (W @ (flux * phi[:, j]))
+        pressed = np.real(p[:, j]) > 0.0
+        if pressed.any():  # no spot has drawn on the road that has met none
+            out[:, weights[0] @ pressed == 0.0, j] = 1.0 / b.share
     warm, lost = out.reshape(2, -1)
     return b.share * warm, lost / warm
 

@@ -21,8 +21,6 @@ def check(system: System, t: float, T, *, hottest: float) -> None:
 
     `T` may be of cells or of any profile.
     """
-    if len(T) == 0:  # nothing is shown behind the block
-        return
     ambient = system.b.scene.ambient
     high, low = float(np.max(T)), float(np.min(T))
     if high + ambient > hottest:

@@ -143,8 +143,8 @@ def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: 
 def _keep(system: System, t: float, y, now: Progress, frame: bool, settings: Settings) -> None:
     """Record a state, if its profiles can be."""
     record(system, t, y, now, frame)
-    for name in ("T_block", "T_spot", "T_road", "T_wake"):
-        limits.check(system, t, now.records[name][-1] + KELVIN - system.b.scene.ambient, hottest=settings.hottest)
+    shown = np.concatenate([now.records[name][-1] for name in ("T_block", "T_spot", "T_road", "T_wake")])
+    limits.check(system, t, shown + KELVIN - system.b.scene.ambient, hottest=settings.hottest)
 
 
 def _tolerance(system: System, settings: Settings) -> Tolerance:

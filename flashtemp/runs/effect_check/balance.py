@@ -21,7 +21,8 @@ from flashtemp.solver.system import Incoming, System
 LEAK = 1e-12  # relative heat imbalance of a run that rounding may leave
 ROUNDING = 1e-13  # the same of one product
 SHOWS = 1e-3  # K: a change of the temperatures that is not for the tolerance of the integrator to make
-TEMPERATURES = ("T_block", "T_spot", "T_road", "field")
+CONTACT = ("T_block", "T_spot", "T_road")
+TEMPERATURES = (*CONTACT, "field")
 ARRAYS = (
     "time", "repetition", "slid", "T_block", "T_spot", "T_road", "pressure", "friction", "worn", "tilt", "field",
     "frames",
@@ -37,8 +38,13 @@ def differences(a: Run, b: Run) -> list[str]:
 
 
 def largest(a: Run, b: Run) -> float:
-    """Largest difference of any temperature at any time that both runs kept, K."""
-    return max(float(np.nanmax(np.abs(getattr(a, k) - getattr(b, k)))) for k in TEMPERATURES)
+    """Largest difference of any temperature at any time that both runs kept, K; between meshes of the contact's."""
+    if np.array_equal(a.x, b.x):
+        pairs = [(getattr(a, k), getattr(b, k)) for k in TEMPERATURES]
+    else:
+        profiles = ((getattr(a, k), getattr(b, k)) for k in CONTACT)
+        pairs = [(one, np.array([np.interp(a.x, b.x, row) for row in other])) for one, other in profiles]
+    return max(float(np.nanmax(np.abs(one - other))) for one, other in pairs)
 
 
 def off(bench: Bench, trial: Trial, shape: str) -> Finding:

@@ -267,6 +267,12 @@ def test_an_interrupt_at_any_step_can_be_gone_on_from(case, whole, tmp_path, sha
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
+def test_a_run_is_gone_on_with_from_inside_its_folder(case, whole, tmp_path, monkeypatch):
+    monkeypatch.chdir(stopped(case, tmp_path / "a", 0.5))
+    check_same(resume("."), whole)
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
 # --- 5: damaged checkpoints ---------------------------------------------------------------------------
 def damaged(file: Path, rng, kind: str) -> None:
     data = bytearray(file.read_bytes())

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
+from fnmatch import fnmatchcase
 from itertools import pairwise
 from math import log2
 from pathlib import Path
@@ -123,6 +124,24 @@ def case(**given):
 def lab():
     """Everything above, for tests that cannot import from here."""
     return SimpleNamespace(**globals())
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Mark as long the parameters that a `sample` leaves out; every pattern of it has to fit one."""
+    sampled = defaultdict(list)
+    for item in items:
+        if (mark := item.get_closest_marker("sample")) is not None:
+            name = item.callspec.id
+            sampled[item.nodeid.partition("[")[0], mark.args].append(name)
+            if not any(fnmatchcase(name, pattern) for pattern in mark.args):
+                item.add_marker("long")
+    if any("::" in str(given) for given in config.args):  # not all are here
+        return
+    for (test, patterns), names in sampled.items():
+        for pattern in patterns:
+            if not any(fnmatchcase(name, pattern) for name in names):
+                raise pytest.UsageError(f"{test}: no parameters fit the sample {pattern!r}")
 
 
 def pytest_terminal_summary(terminalreporter, config):

@@ -127,6 +127,7 @@ def test_fields_of_a_run_whose_pictures_failed_lie_beside_its_checkpoint(case, t
     assert tmp_path / "a" / "field.png" in flashtemp.draw(tmp_path / "a").files
 
 
+@pytest.mark.long
 def test_a_backend_that_does_not_exist(case, tmp_path):
     """The real thing: matplotlib itself refuses to load; the march is there all the same."""
     command = [sys.executable, "-m", "flashtemp"]

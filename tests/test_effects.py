@@ -49,6 +49,7 @@ def check_findings(*findings) -> None:
 
 @IN_EVERY_SHAPE
 @pytest.mark.parametrize("name", HEATING)
+@pytest.mark.sample("*-lifted")
 def test_off_is_the_base_bit_for_bit(bench, name, shape):
     check_findings(balance.off(bench, TRIALS[name], shape))
 

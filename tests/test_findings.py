@@ -388,6 +388,7 @@ def test_files_are_named_by_what_they_show(tmp_path):
     assert discovery.draw_all(verdict("no_verdict", before=recordings()[0]), tmp_path) == []
 
 
+@pytest.mark.long
 def test_the_worst_conditions_are_drawn_and_said():
     v = verdict("named", 6)
     drawn = verdict_parts.shown(v)

@@ -320,6 +320,7 @@ def test_converge_reports_second_order(folder, capsys):
     assert report["space"][middle] < 0.01 * report["values"][1][middle]
 
 
+@pytest.mark.long
 def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(job, "EVERY", 0.0)
     kept = []

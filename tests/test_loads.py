@@ -45,6 +45,7 @@ def found() -> Loads:
     return attribute(load(CASE, COARSE), (1e5, 3e5), (0.1, 1.0), workers=1)
 
 
+@pytest.mark.long
 def test_nothing_on_nothing_depends(found):
     """All five off: friction knows neither load nor heat (exact in the limit of small contact, but for the table)."""
     np.testing.assert_allclose(found.none[:, 0], found.none[:, 1], rtol=3e-4)  # the table's error

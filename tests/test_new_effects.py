@@ -80,6 +80,7 @@ def test_a_small_change_of_the_base_is_in_proportion(small, name):
 
 
 @pytest.mark.parametrize("name", SWITCH)
+@pytest.mark.long
 def test_costs_few_more_steps(small, name):
     assert small(name).statistics["steps"] < 1.3 * small().statistics["steps"]
 

@@ -148,6 +148,7 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None, exponent=0.0):
         pytest.param(*peaked(2.5, 0.0025), id="sharp peak"),
     ],
 )
+@pytest.mark.sample("leading edge pressed")
 def test_lanes_widen_by_the_heat_that_they_received(tmp_path, given, shape):
     check_face(tmp_path, given, shape, [(0.1, 0.5)], 2.5e-3)
 
@@ -161,17 +162,20 @@ def test_lanes_widen_by_the_heat_that_they_received(tmp_path, given, shape):
         pytest.param(*peaked(2.5, 0.0025), id="peak"),
     ],
 )
+@pytest.mark.sample("lanes begin-1.0", "peak-0.5")
 def test_lanes_begin_and_end_where_the_contact_fraction_varies(tmp_path, given, shape, exponent):
     check_face(tmp_path, given, shape, [(0.1, 0.5)], 7e-3, exponent=exponent)
 
 
 @pytest.mark.parametrize("speeds", [[(0.1, 0.3), (0.5, 0.01)], [(0.5, 0.5), (0.1, 0.006)]], ids=["faster", "slower"])
+@pytest.mark.sample("faster")
 def test_lanes_widen_after_a_step_of_the_speed(tmp_path, speeds):
     """Road that lies half under the old speed and half under the new one."""
     check_face(tmp_path, *tilted(-0.6), speeds, 2.5e-3, Block(columns=200))
 
 
 @pytest.mark.parametrize("speed", [1.0, 30.0, 300.0])
+@pytest.mark.sample("30.0")
 def test_the_default_mesh_follows_the_speed(tmp_path, speed):
     """The layers that are heated grow thinner with speed; the mesh that nobody asked for still resolves them."""
     given = {"numerics.mesh": 1.0, "limits.temperature": 2000.0}

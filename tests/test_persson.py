@@ -354,6 +354,7 @@ def test_table_of_a_folder_is_taken_up(looked_up, tmp_path, monkeypatch):
 SLIDE = 'effects = ["persson_friction"]\n[schedule]\ndistance = 0.01\n[numerics]\nmesh = 0.4\n[output]\nvtk = false\n'
 
 
+@pytest.mark.long
 def test_repeated_run_takes_its_table_up(tmp_path, monkeypatch, capsys):
     (tmp_path / "case.toml").write_text(SLIDE)
     out = tmp_path / "out"

@@ -123,6 +123,7 @@ def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
     assert by_words["with the laboratory 20 K warmer"].helps == ()  # changes neither load nor speed
 
 
+@pytest.mark.long
 def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
     """What the data at hand cannot trace counts as unseen; the next experiment may show it."""
     whole, asked = experiment_design._left, []

@@ -59,6 +59,7 @@ def alone(material, time):
 
 @pytest.mark.parametrize("n", [6, 9, 12])
 @pytest.mark.parametrize("place", [0.005, 0.00512])
+@pytest.mark.sample("0.005-9", "0.00512-6")
 def test_a_disc_heats_its_road(lab, n, place):
     """The block takes no heat; the disc lies on cells as it happens to.  Fixed cells were 21, 12.5 and 7.7 % off."""
     run, _ = lab.slide(one_disc(lab, n, lab.NO_BLOCK, first=3e-6, cells=36, place=place), rtol=1e-3)
@@ -213,6 +214,7 @@ def test_road_that_goes_takes_its_heat_along(small):
     assert before[1] > after[1]
 
 
+@pytest.mark.long
 def test_a_march_goes_on_where_it_was_cut_off(lab, small):
     """Cut off in the second leg and gone on: as in one go."""
     settings = Settings(choose(None), 1e-6, profiles=4)
@@ -229,6 +231,7 @@ def test_a_march_goes_on_where_it_was_cut_off(lab, small):
     assert rest.energy_imbalance < lab.LEAK
 
 
+@pytest.mark.long
 def test_spots_wait_and_slide_again(lab):
     """Lifted or not, over more legs than one: heat is kept."""
     for lifted in (True, False):

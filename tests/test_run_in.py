@@ -113,6 +113,7 @@ def test_moment_is_balanced_at_every_instant(lab, eventful):
 
 # --- volume -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("softening", [[], ["friction_softening"]])
+@pytest.mark.sample("softening0")
 def test_worn_volume_is_the_integral_of_the_law(lab, softening):
     """Energy wear: volume = k times friction energy, to rounding, through stops, kinks and lift-off."""
     given = {k: v for k, v in EVENTS.items() if not k.startswith("friction_moment")}
@@ -243,6 +244,7 @@ def test_start_profile_is_read_as_cell_means_and_can_be_turned(lab):
 
 
 @pytest.mark.parametrize("turns", [[], ["friction_moment"]], ids=["guided", "turning"])
+@pytest.mark.sample("guided")
 def test_the_load_may_be_taken_off_while_it_slides(lab, turns):
     """Pressure 0 from 5 to 10 s: nothing is pressed, rubbed or worn there, and it goes on afterwards."""
     load = [[0.0, 1e5], [5.0, 0.0], [10.0, 0.0], [15.0, 2e5]]

@@ -110,6 +110,7 @@ TRIES = 300
 
 @pytest.mark.parametrize("known", [True, False], ids=["sigma given", "from residuals"])
 @pytest.mark.parametrize(("s_w", "n", "noise"), [(3.0, 15, 0.005), (6.0, 20, 0.004), (2.0, 6, 0.002)])
+@pytest.mark.sample("2.0-6-0.002-from residuals")
 def test_intervals_hold_the_truth_as_often_as_they_say(known, s_w, n, noise):
     rng = np.random.default_rng(11)
     fits = [Fit(noisy(rng, s_w, n, noise, known)) for _ in range(TRIES)]
@@ -131,6 +132,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(known, s_w, n, noise):
 
 @pytest.mark.parametrize("known", [True, False], ids=["sigma given", "from residuals"])
 @pytest.mark.parametrize("n", [5, 10, 40])
+@pytest.mark.sample("10-from residuals")
 def test_no_relaxation_is_seldom_taken_for_one(known, n):
     rng = np.random.default_rng(3)
     fits = [Fit(noisy(rng, 3.0, n, 0.004, known, start=FINAL)) for _ in range(TRIES)]

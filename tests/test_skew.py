@@ -64,6 +64,7 @@ def test_while_only_tops_touch_the_road_is_a_flatter_gaussian_one():
     assert np.all(skewness.area(0.6, [0.12], **one) < 0.97 * all_flatter)  # valleys keep their depth
 
 
+@pytest.mark.long
 def test_tops_lowered_touch_more_and_bend_the_area_sooner(ratio):
     """C5: R from 1/f to 1; A/p falls faster than on the Gaussian road."""
     assert ratio(1e-4) == pytest.approx(1 / 0.6, rel=0.01)

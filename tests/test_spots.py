@@ -41,6 +41,7 @@ def test_the_seed_decides():
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.long
 def test_too_many_discs_are_refused():
     with pytest.raises(BadInput, match="at random"):
         discs("random", D, 0.8, 0.02, 0.06, 1)
@@ -117,6 +118,7 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, held):
         (0.5, 0.12625818),
     ],
 )
+@pytest.mark.long
 def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     """Mean excess in the on-phase over the period mean, in units of q sqrt(P)/e; the road takes no heat."""
     length, speed, time = D / phi, 0.5, 0.5
@@ -134,6 +136,7 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
 
 
 @pytest.mark.parametrize("n", [8, 16])
+@pytest.mark.sample("8")
 def test_V11_one_disc_on_fresh_rubber(lab, n):
     """Mean over a disc of `n` cells that has moved by two diameters: 0.6885 q sqrt(D/v)/e; the road takes no heat."""
     speed, length, width = 0.1, 0.016, 0.006

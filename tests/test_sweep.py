@@ -177,6 +177,7 @@ def slow(task):
         return k * k
 
 
+@pytest.mark.long
 def test_a_killed_process_loses_nothing(tmp_path):
     trap = tmp_path / "trap"
     trap.write_text("")

@@ -164,6 +164,7 @@ def bare():
 
 
 @pytest.mark.parametrize("key", BARE)
+@pytest.mark.sample("friction.mu", "edge_pressure.B", "contact.spot_fraction")
 def test_trace_of_one_parameter(bare, key):
     check(bare, {}, key)
 
@@ -177,6 +178,7 @@ def resting():
 
 
 @pytest.mark.parametrize("key", KEPT)
+@pytest.mark.sample("friction.mu")
 def test_trace_with_a_block_that_rests_on_the_road(resting, key):
     check(resting, RESTING, key)
 
@@ -192,6 +194,7 @@ def test_trace_with_a_block_that_rests_on_the_road(resting, key):
         ),
     ],
 )
+@pytest.mark.sample("wear-begins")
 def test_trace_beside_effects_that_remember(given, keys):
     hood = traces(given, keys)
     for key in keys:
@@ -347,10 +350,12 @@ def check_stretched(given, keys, share, bound):
             assert error <= bound, f"{key}: {what}: {error:.4f}"
 
 
+@pytest.mark.long
 def test_trace_of_a_longer_block_and_a_slower_test():
     check_stretched({}, STRETCHES, 0.02, 0.03)
 
 
+@pytest.mark.long
 def test_trace_of_a_longer_test_with_laps_that_are_remembered():
     check_stretched(ROUND, ("schedule.speed", "schedule.distance"), 0.02, 0.05)
 

@@ -53,6 +53,7 @@ def test_contact_grows_with_pressure_and_falls_with_resolution(road):
     assert fine < 0.85 * low
 
 
+@pytest.mark.long
 def test_the_command_makes_a_map_that_a_case_runs_on(tmp_path, capsys):
     out = tmp_path / "road.npz"
     given = [f"--{k}={v}" for k, v in ROUGH.items()]

@@ -241,6 +241,7 @@ def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, caps
     assert row["friction"] == pytest.approx(row["friction_law"], rel=0.08)
 
 
+@pytest.mark.long
 def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(tread_block, "MOST", 200)
     out = tmp_path / "found"
@@ -254,6 +255,7 @@ def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("given", [["tread.slip=[1e-9]"], ["tread.stiffness=1e3", "tread.mass=1e-9"]])
+@pytest.mark.sample("given0")
 def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
     """Nothing slides, so nothing is on its way from cold to hot: - in the table, null in the file."""
     out = tmp_path / "found"

@@ -85,6 +85,7 @@ def test_the_image_is_found_where_it_is(made):
     assert shift[1] - shift[0] == pytest.approx(-0.15, abs=0.03)
 
 
+@pytest.mark.long
 def test_a_shift_beyond_what_is_known_is_refused(made):
     told = campaign.load(made(seed=5, views=("sidewall",)))
     [view] = told.views
@@ -130,6 +131,7 @@ def test_the_truth_is_sealed(made, tmp_path):
     assert str(compare(campaign.load(folder))) == before
 
 
+@pytest.mark.long
 def test_an_effect_of_the_case_can_be_hidden(made):
     folder = made("friction_softening")
     assert load(folder / "case.toml").effects == ()
@@ -209,6 +211,7 @@ def test_bad_input(case, tmp_path, capsys, given, said):
     assert [p.name for p in tmp_path.iterdir()] == ["case.toml"]
 
 
+@pytest.mark.long
 def test_from_twin_to_report(case, tmp_path, capsys):
     file = tmp_path / "case.toml"
     file.write_text(case.toml())
@@ -226,6 +229,7 @@ def test_from_twin_to_report(case, tmp_path, capsys):
     assert "exists" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_from_a_folder_of_images_to_the_comparison(case, made, tmp_path, capsys):
     """What a user does: text matrices with decimal commas, a table of times, one import, one campaign file."""
     source = made(seed=6, views=("sidewall",))

@@ -113,6 +113,7 @@ def test_brush_with_constant_friction_in_closed_form():
         (80.0, 0.01, [0.1517, 0.1457, 0.1431], [15.0, 15.0, 15.0]),
     ],
 )
+@pytest.mark.sample("80.0-0.01-maxima2-angles2")
 def test_rigid_maxima_of_set_a(corner, T, D, maxima, angles):
     found = corner(T, D)
     np.testing.assert_allclose(values(found, "rigid"), maxima, rtol=2e-3)
@@ -129,6 +130,7 @@ def test_rigid_maxima_of_set_a(corner, T, D, maxima, angles):
         (0.003, 1.5e8, [0.3534, 0.3529, 0.3529]),
     ],
 )
+@pytest.mark.long
 def test_brush_maxima_of_set_a(corner, D, k, maxima):
     """The reference, from a coarser integration, within 4 %, and how far its maximum falls within 2 points."""
     found = corner(20.0, D, k)
@@ -211,6 +213,7 @@ def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
     assert "heat that flows into the road or is released by the adhesive part" in said
 
 
+@pytest.mark.long
 def test_angles_are_led_on_to_both_sides(synthetic):
     """V24's maxima lie between 0.6 and 0.93 degrees: found from above and from below alike, within 1e-4."""
     for angles in ([0.05, 0.2], [2.0, 9.0], ANGLES):
@@ -234,6 +237,7 @@ def test_a_fall_is_explained_where_there_is_one(tmp_path, capsys):
     assert "brush: no control" not in said
 
 
+@pytest.mark.long
 def test_one_load_and_falling_side_force(tmp_path, capsys):
     """With one load nothing can fall; at 20 degC the maximum lies below 2 degrees, and angles are led on to it."""
     out = tmp_path / "found"
@@ -263,6 +267,7 @@ def test_a_control_that_falls_is_told(corner):
     assert said.startswith("brush: a control without flash temperature falls with load as well")
 
 
+@pytest.mark.long
 def test_hardly_any_friction_is_drawn(tmp_path, capsys):
     """At -100 degC all of the brush's curve is in the picture, and no control is blamed."""
     given = ["ambient.temperature=-100", "tyre.angles=[1, 5, 15]"]
@@ -272,6 +277,7 @@ def test_hardly_any_friction_is_drawn(tmp_path, capsys):
     assert printed.err == ""
 
 
+@pytest.mark.long
 def test_one_slip_angle_is_drawn(tmp_path, capsys):
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.angles=[1]", "--out", str(out)]) == 0

@@ -130,6 +130,7 @@ def test_V6_source_at_the_interface(lab):
 
 
 @pytest.mark.parametrize(("m", "joined", "resisted"), [(2e4, 49696.5773, 42549.1842), (2e5, 64735.4675, 55934.7523)])
+@pytest.mark.sample("200000.0-64735.4675-55934.7523")
 def test_V7_sources_at_and_above_the_interface(lab, m, joined, resisted):
     J, spot, _ = touch(lab, 4, inf, 0.01, surface=5e4, deep=5e4, depth=1 / m)
     lab.check(f"V7 m = {m:g}/m, alpha = inf, flux relative", abs(J / joined - 1), 0.00015)
@@ -175,6 +176,7 @@ def test_V8_linear_flux_peaks_in_the_middle(lab):
     lab.check("V8 linear, K", np.abs(T - closed_forms.road_rise_linear(ROAD, 0.1, 7.5e4, L, x)).max(), 0.07)
 
 
+@pytest.mark.long
 def test_V8_exponential_flux(lab):
     decay = 5e-3
     mean = 7.5e4 * decay * (1 - np.exp(-L / decay)) / L
@@ -221,6 +223,7 @@ def test_V8_isothermal_wall(lab):
         (0.1, 100, 2000.0, 16, (3e-3, 3e-3, 4e-4, 5e-3)),
     ],
 )
+@pytest.mark.sample("10.0-3-3.0-12-bounds0", "1.0-12-20.0-12-bounds1")
 def test_V9_jaeger_strip(lab, peclet, around, time, lines, bounds):
     b, n, first = L / 2, 48, 1e-4
     reach = geometric(around * b, first, 2 * lines)
@@ -252,6 +255,7 @@ def test_V9_jaeger_strip(lab, peclet, around, time, lines, bounds):
     )
 
 
+@pytest.mark.long
 def test_V19_conveyor_converges_on_a_uniform_mesh(lab):
     errors = []
     for refine in (1, 2, 4):
@@ -313,6 +317,7 @@ def test_V11_gap_of_a_deep_source(lab):
     assert gap == pytest.approx([closed_forms.spot_flash_deep(RUBBER, 1e4, 5e-5, 3e-3, 0.1)] * 2, rel=1e-7)
 
 
+@pytest.mark.long
 def test_V15_everything_scales_with_the_root_of_speed(lab):
     profiles = {}
     for v in (0.1, 0.5, 1.0):

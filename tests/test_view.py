@@ -37,6 +37,7 @@ def folders(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["flat", "wide"])
+@pytest.mark.sample("flat")
 def test_screenshot_shows_something(folders, name, tmp_path, capsys, monkeypatch):
     for key in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(key, raising=False)

@@ -59,6 +59,7 @@ def line(ax, colour, width=0.0):
 
 @pytest.mark.parametrize("name", RUNS)
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda m: m.__name__.rsplit(".", 1)[1])
+@pytest.mark.sample("*-worn", "*-no_friction")
 def test_every_kind_of_run_is_drawn_with_units_and_without_overlaps(runs, picture, name):
     fig = picture.draw(runs[name])
     image = pixels(fig)
@@ -286,6 +287,7 @@ def test_worn_shows_face_and_pressure_before_and_after_or_is_skipped(runs):
 
 
 @pytest.mark.parametrize(("name", "more"), [("one", []), ("worn", ["run_in", "worn"])])
+@pytest.mark.sample("one-*")
 def test_draw_all_writes_what_applies_and_leaves_matplotlib_alone(runs, tmp_path, name, more):
     import matplotlib
 
@@ -303,6 +305,7 @@ def test_a_second_copy_is_refused(monkeypatch):
         import_module("viz")
 
 
+@pytest.mark.long
 def test_pictures_do_without_pyplot_and_importing_viz_without_matplotlib(runs, tmp_path):
     (tmp_path / "run").write_bytes(pickle.dumps(runs["worn"]))
     code = (

@@ -47,6 +47,7 @@ def arguments(file, *more: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("of", "curve", "share"), [("block", "T_block", 0.5), ("spot", "T_spot", 0.6)])
+@pytest.mark.sample("spot-T_spot-0.6")
 def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, curve, share):
     none, long = highest(case(), curve), highest(case(schedule__wait=100.0), curve)
     below = round(long + share * (none - long), 2)

@@ -182,6 +182,7 @@ def test_a_scheduler_that_does_not_answer(monkeypatch, fault):
     assert "tcp://nowhere:8786" in str(said.value)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_cannot_be_reached():
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
     with pytest.raises(BadInput) as said, crew(find, None, "tcp://127.0.0.1:9"):
@@ -255,6 +256,7 @@ def test_a_scheduler_that_is_killed_is_said_in_one_line(tmp_path):
     assert said == f"the scheduler at {address} has gone; give the address of one that runs"
 
 
+@pytest.mark.long
 def test_a_worker_of_a_real_cluster_is_killed(tasks):
     """Two workers, one killed half way: every answer comes, once, in its place."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")

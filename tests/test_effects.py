@@ -21,7 +21,10 @@ PACKAGE = Path(flashtemp.__file__).parent
 EVERY = sorted(catalogue())
 OPTIONAL = [n for n in EVERY if not catalogue()[n].base]
 BASE = [n for n in EVERY if catalogue()[n].base]
-NEEDS = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]}}
+NEEDS = {
+    "pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]},
+    "driven_faces": {"driven_faces.face": [[0.0, 20.0], [10.0, 60.0]]},
+}
 TRIALS = {n: Trial(n, e, NEEDS.get(n, {})) for n, e in catalogue().items()}
 HEATING = [n for n in OPTIONAL if TRIALS[n].heats]  # the others act on the picture only
 WITH = {"wear": ("edge_pressure",), "evaporation": ("track_memory",)}

@@ -313,7 +313,7 @@ def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
     return geometry.from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""
 
 
-def _known(frames: Frames, facts: Facts) -> dict[str, float | None]:
+def _known(frames: Frames, facts: Facts) -> dict[str, Any]:
     """What is known of camera and object, as attributes of the recording."""
     given = {to: v if (v := getattr(facts, name)) is not None else frames.told.get(to) for name, to in CAMERA.items()}
     said = {**frames.said, **(facts.was or {}), **_given(facts)}

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import erfc
 
+from flashtemp.camera.point_observation import asked, readings
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.model.laws import Laws
@@ -153,6 +154,10 @@ class Instrument:
         """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
         return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", 0.0)
 
+    def asked(self) -> np.ndarray:
+        """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
+        return self.times() if self.recording.places is None else asked(self.recording.places, self.times())
+
 
 def observe(
     run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0
@@ -164,6 +169,8 @@ def observe(
     at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting)
+    if recording.places is not None:
+        return _at_points(run, recording, camera)
     times = np.clip(camera.times(), 0.0, run.time[-1])
     background = scene.ambient - KELVIN
     line = recording.view == "profile"
@@ -182,6 +189,14 @@ def observe(
         shown.append(LONG_WAVE.temperature(told))
     offset = np.broadcast_to(camera("offset", 0.0), len(times))
     return Seen(np.concatenate(shown) + offset[:, None, None], _inside(recording, along, up))
+
+
+def _at_points(run, recording: Recording, camera: Instrument) -> Seen:
+    """What thermocouples show: no optics, no emissivity."""
+    assert recording.places is not None
+    T = readings(run, recording.places, np.clip(camera.times(), 0.0, run.time[-1]))
+    T = T + np.broadcast_to(camera("offset", 0.0), len(T))[:, None]
+    return Seen(T[:, None], np.ones((1, len(recording.u)), dtype=bool))
 
 
 def _around(run, times: np.ndarray):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.camera.plausible import HOTTEST, extent, fits, parts
+from flashtemp.camera.points import KEYS, Places, of_arrays
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_hdf5
 from flashtemp.physics.quantities import KELVIN
@@ -19,10 +20,12 @@ VIEWS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
     "wake": "road behind the block: u = x > L, v = y from the centre line",
     "profile": "no v: block surface along x",
+    "points": "thermocouples or pyrometers at places x, y, z; u counts them",
 }
 IN_MEMORY = 64 * 2**20  # bytes of images: larger recordings are written piece by piece
 CHUNK = 1_000_000  # pixels that are compressed together
-NEEDED = ("temperature", "time", "repetition", "u", "v")
+NEEDED = ("temperature", "time", "repetition", "u", "v", *KEYS)
+NAMED = ";"  # between the names of points
 OPTIONAL = {  # attribute: unit, lowest, highest value
     "emissivity": ("1", 0.05, 1.0),
     "reflected_degC": ("degC", -273.0, 1500.0),
@@ -43,7 +46,7 @@ class Recording(Shown):
     one before; `u` (nu,), `v` (nv,) pixel centres in m, increasing; `source` where it came from.  The rest
     is what is known of the camera, None where it is not: `netd_K` noise of one pixel of one frame,
     `fixed_pattern_K` scatter between pixels that stays, `psf_sigma_px` blur, `registration_sigma_px` how well
-    the origin of the image is known.
+    the origin of the image is known.  A view of points has their `places`; u counts them and nv = 1.
     """
 
     view: str
@@ -61,6 +64,7 @@ class Recording(Shown):
     fps: float | None = None
     registration_sigma_px: float | None = None
     source: str = ""
+    places: Places | None = None
 
     def __post_init__(self):
         if fault := self._fault():
@@ -76,8 +80,12 @@ class Recording(Shown):
         shape = (len(self.time), len(self.v), len(self.u))
         if self.temperature.shape != shape:
             return f"temperature: shape {self.temperature.shape}; its coordinates (frame, v, u) ask for {shape}"
-        if self.view == "profile" and len(self.v) != 1:
-            return f"v: {len(self.v)} rows; a profile has none"
+        if self.line and len(self.v) != 1:
+            return f"v: {len(self.v)} rows; a {self.view.rstrip('s')} has none"
+        if (self.view == "points") != (self.places is not None) or (self.places and len(self.places) != len(self.u)):
+            return (
+                f"x, y, z: of {len(self.places or ())} points for {len(self.u)} columns of view {self.view!r}; one each"
+            )
         if not all(shape):
             return f"temperature: shape {shape}; at least one frame and one pixel are needed"
         return None
@@ -111,6 +119,11 @@ class Recording(Shown):
         return None
 
     @property
+    def line(self) -> bool:
+        """Whether its values lie in one row: a profile, or points."""
+        return self.view in ("profile", "points")
+
+    @property
     def frames(self) -> int:
         return len(self.time)
 
@@ -129,18 +142,23 @@ class Recording(Shown):
         """The xarray Dataset of contract 5.4."""
         import xarray as xr
 
-        flat = self.view == "profile"
+        flat, along = self.line, "point" if self.view == "points" else "u"
         data = self.temperature[:, 0] if flat else self.temperature
         coords = {
             "time": ("frame", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
             "repetition": ("frame", self.repetition, {"units": "1", "long_name": "repetition, 1-based"}),
-            "u": ("u", self.u, {"units": "m"}),
         }
+        if self.places is None:
+            coords["u"] = ("u", self.u, {"units": "m"})
+        else:
+            coords |= {k: ("point", getattr(self.places, k), {"units": unit}) for k, (unit, *_) in KEYS.items()}
         if not flat:
             coords["v"] = ("v", self.v, {"units": "m"})
         known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
+        if self.places is not None:
+            known["names"] = NAMED.join(n.replace(NAMED, " ") for n in self.places.names)
         return xr.Dataset(
-            {"temperature": (("frame", "u") if flat else ("frame", "v", "u"), data, {"units": "degC"})},
+            {"temperature": (("frame", along) if flat else ("frame", "v", "u"), data, {"units": "degC"})},
             coords=coords,
             attrs={"view": self.view, "source": self.source, "Conventions": "CF-1.11"} | known,
         )
@@ -163,7 +181,7 @@ class Recording(Shown):
         about, dims = ds["temperature"].attrs, ds["temperature"].dims
         ds.drop_vars("temperature").to_netcdf(path, engine="h5netcdf", encoding={"time": {"dtype": "float64"}})
         with h5netcdf.File(path, "a") as file:
-            flat = self.view == "profile"
+            flat = self.line
             step = max(1, CHUNK // self.temperature[0].size)
             shape = self.temperature[:, 0].shape if flat else self.temperature.shape
             variable = file.create_variable(
@@ -181,12 +199,13 @@ class Recording(Shown):
 
     def __str__(self) -> str:
         low, high, known = self.span
-        size = f"{len(self.u)} pixels" if self.view == "profile" else f"{len(self.u)} x {len(self.v)} pixels"
+        size = f"{len(self.u)} pixels" if self.line else f"{len(self.u)} x {len(self.v)} pixels"
         du, dv = (1e3 * p for p in self.pitch)
-        pitch = f"{du:.3g} mm" if self.view == "profile" else f"{du:.3g} x {dv:.3g} mm"
+        pitch = f"{du:.3g} mm" if self.line else f"{du:.3g} x {dv:.3g} mm"
+        size = f"{len(self.u)} points" if self.places is not None else f"{size} of {pitch}"
         lost = 100 * (1 - known / self.temperature.size)
         return (
-            f"Recording '{self.view}' of {self.frames} frames, {size} of {pitch}\n"
+            f"Recording '{self.view}' of {self.frames} frames, {size}\n"
             f"  time {self.time[0]:g} to {self.time[-1]:g} s, repetitions {self.repetition.min()} to"
             f" {self.repetition.max()}\n"
             f"  {low:.2f} to {high:.2f} degC, {lost:.2g} % of the values missing"
@@ -196,8 +215,9 @@ class Recording(Shown):
         (low, high, known), mm = self.span, 1e3
         rows: list[tuple] = [("frames", self.frames, ""), ("time", (self.time[0], self.time[-1]), "s")]
         rows.append(("repetitions", (int(self.repetition.min()), int(self.repetition.max())), ""))
-        rows.append(("u", (mm * self.u[0], mm * self.u[-1]), "mm"))
-        if self.view != "profile":
+        if self.places is None:
+            rows.append(("u", (mm * self.u[0], mm * self.u[-1]), "mm"))
+        if not self.line:
             rows.append(("v", (mm * self.v[0], mm * self.v[-1]), "mm"))
         rows.append(("temperature", (low, high), "degC"))
         rows.append(("values missing", 100 * (1 - known / self.temperature.size), "%"))
@@ -226,18 +246,19 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     except Exception as fault:  # h5netcdf raises whatever the damage provokes
         what = short(" ".join(str(fault).split()))
         raise BadInput(f"{path}: not a NetCDF recording ({what}); write it with flashtemp import") from fault
-    missing = [k for k in ("temperature", "time", "repetition", "u") if k not in ds.variables]
+    points = str(ds.attrs.get("view", "")) == "points"
+    missing = [k for k in ("temperature", "time", "repetition", "z" if points else "u") if k not in ds.variables]
     if missing or "view" not in ds.attrs:
         what = ", ".join([*missing, *([] if "view" in ds.attrs else ["attribute view"])])
         raise BadInput(
             f"{path}: {what} missing; a recording holds temperature(frame, v, u), time, repetition, u, v, view"
         )
     view, T = short(str(ds.attrs["view"])), ds["temperature"]
-    wanted = ("frame", "u") if view == "profile" else ("frame", "v", "u")
+    flat = view in ("profile", "points")
+    wanted = ("frame", "point" if points else "u") if flat else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
         raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
     values = T.transpose(*wanted).values.astype(float)
-    flat = view == "profile"
     if not flat and "v" not in ds.variables:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
     given = {}
@@ -252,13 +273,25 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
             values[:, None, :] if flat else values,
             ds["time"].values.astype(float),
             _whole(ds["repetition"].values),
-            ds["u"].values.astype(float),
+            np.arange(values.shape[1], dtype=float) if points else ds["u"].values.astype(float),
             np.zeros(1) if flat else ds["v"].values.astype(float),
             source=short(str(ds.attrs.get("source", ""))),
+            places=_places(ds, values.shape[1]) if points else None,
             **given,
         )
     except BadInput as fault:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
+
+
+def _places(ds, n: int) -> Places:
+    """Places of the points of a file.  Raises BadInput."""
+    names = [short(name) for name in str(ds.attrs.get("names", "")).split(NAMED)]
+    if len(names) != n:
+        names = list(map(str, range(1, n + 1)))
+    try:
+        return of_arrays(names, {k: np.atleast_1d(ds[k].values.astype(float)) for k in KEYS if k in ds.variables})
+    except (TypeError, ValueError) as fault:
+        raise BadInput(f"{', '.join(KEYS)}: hold what is no number; give one for every point") from fault
 
 
 def _allowed(limit: float | None, size: int, what: str, usual: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
         u = pixels(-margin, length + margin)
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
     frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
-    told = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
+    told: dict[str, Any] = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
     return Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
         reflected_degC=None if view == "profile" else scene.ambient - KELVIN,

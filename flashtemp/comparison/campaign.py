@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flashtemp.camera import recording, synthetic
+from flashtemp.camera import point_tables, recording, synthetic
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
@@ -18,7 +18,10 @@ from flashtemp.showing import Sheet, Shown
 
 NETD = 0.05  # K, of a camera that is imagined
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
-ENTRY = {"recording": {"file", "view", "with", "sigma_K", "held_out"}, "force": {"file", "with", "sigma", "held_out"}}
+ENTRY = {
+    "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
+    "force": {"file", "with", "sigma", "held_out"},
+}
 
 
 Under = Callable[..., cases.Case]  # the case under overrides
@@ -241,9 +244,16 @@ class _Reader:
             taken = _imagined(entry["view"], under(given))
             return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
         try:
-            return View(entry["file"], recording.load(self.folder / entry["file"], self.limit), given, sigma, held)
+            if "points" not in entry:
+                taken = recording.load(self.folder / entry["file"], self.limit)
+            elif under is None:
+                return None
+            else:
+                taken = point_tables.read(entry, self.folder, under(given).scene.schedule, f"recording {number}")
+            return View(entry["file"], taken, given, sigma, held)
         except BadInput as fault:
-            self.faults.extend(fault.lines)
+            own = "points" in entry
+            self.faults.extend(f"{self.where('recording')}: {line}" if own else line for line in fault.lines)
             return None
 
     def force(self, entry: dict[str, Any], number: int, under: Under | None) -> Force | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.camera import point_observation
 from flashtemp.camera.observation import ABOVE, WAKE, Instrument, Seen, observe
 from flashtemp.camera.registration import align
 from flashtemp.comparison.campaign import Campaign, Condition, Force, View
@@ -147,8 +148,9 @@ def words(s: Seeing) -> str:
     line = f"{s.rmse_K:.3f} K rms, {s.bias_K:+.3f} K on average, chi2/dof {s.chi2_per_dof:.3g}"
     if s.largest is not None and not s.white:
         at = s.largest
-        place = f"x = {1e3 * at.u:.3g} mm"
-        if s.view.recording.view != "profile":
+        places = s.view.recording.places
+        place = f"x = {1e3 * at.u:.3g} mm" if places is None else f"point {places.names[round(at.u)]}"
+        if not s.view.recording.line:
             place += f", {'z' if s.view.recording.view == 'sidewall' else 'y'} = {1e3 * at.v:.3g} mm"
         line += (
             f"; most at {place}, t = {at.time:.4g} s (repetition {at.repetition}): {at.K:+.2f} K, {at.sigma:+.0f} sigma"
@@ -211,7 +213,7 @@ def window(case: Case, views) -> dict[str, Any]:
 
 def moments(views, scene: Scene) -> tuple[float, ...]:
     """All times (s) that the frames of recordings show."""
-    shown = {float(t) for v in views for t in Instrument(v.recording, scene.acting).times()}
+    shown = {float(t) for v in views for t in Instrument(v.recording, scene.acting).asked()}
     return tuple(sorted(t for t in shown if 0.0 <= t <= scene.schedule.end))
 
 
@@ -224,6 +226,8 @@ def check(view: View, scene: Scene) -> None:
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
+    if view.recording.places is not None:
+        point_observation.check(view.recording.places, scene, view.file)
     near = ROUNDED * schedule.end
     for t, said in zip(time, view.recording.repetition, strict=True):
         possible = [schedule.phase(at).repetition for at in (t - near, t + near)]
@@ -237,7 +241,7 @@ def check(view: View, scene: Scene) -> None:
 def see(run: Run, scene: Scene, view: View) -> Seeing:
     """One recording against a run of its condition."""
     recording = view.recording
-    stated = view.sigma_K if view.sigma_K is not None else recording.netd_K, recording.fixed_pattern_K
+    stated = levels(view)
 
     def left(seen: Seen) -> np.ndarray:
         return np.where(seen.inside, recording.temperature - seen.temperature, np.nan)
@@ -254,6 +258,13 @@ def see(run: Run, scene: Scene, view: View) -> Seeing:
     return judge(
         view, found.seen.temperature, residual, noise(residual, *stated), found.shift, found.error, found.refused
     )
+
+
+def levels(view: View) -> tuple[float | None, float | None]:
+    """White and fixed noise (K) that a recording states; points have no pattern between neighbours to estimate."""
+    recording = view.recording
+    pattern = 0.0 if recording.fixed_pattern_K is None and recording.places is not None else recording.fixed_pattern_K
+    return view.sigma_K if view.sigma_K is not None else recording.netd_K, pattern
 
 
 def judge(view: View, predicted, residual, level: Noise, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None) -> Seeing:

@@ -94,7 +94,7 @@ def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> 
 
     known = np.isfinite(residual)
     values, weight = np.where(known, residual, 0.0), known.astype(float)
-    for axis in (1, 2):
+    for axis in (1, 2) if getattr(recording, "places", None) is None else ():  # points are no neighbours
         if residual.shape[axis] >= size:
             values = uniform_filter1d(values, size, axis=axis, mode="constant") * size
             weight = uniform_filter1d(weight, size, axis=axis, mode="constant") * size

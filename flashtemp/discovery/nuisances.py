@@ -30,7 +30,7 @@ LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of un
 MOST = 3.0
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
 PLAIN = frozenset(  # what everybody would calibrate
-    {Kind.KEY, *SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.LEVEL, Kind.CELL, Kind.MESH}
+    {Kind.KEY, *SHIFTS, Kind.GAIN, Kind.PLACE, Kind.SPREAD, Kind.LEVEL, Kind.CELL, Kind.MESH}
 )
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
 
@@ -41,11 +41,14 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model, scal
     out: Priors = {}
     free = problem.priors
     known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
+    places = {v.file: v.recording.places for v in problem.campaign.views if v.recording.places is not None}
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
         elif p.kind in SHIFTS:
             out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
+        elif p.kind is Kind.PLACE:
+            out[p] = (0.0, float(places[p.file].place_sigma_m[p.index[0]]))
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, scale * MODE / p.index[0])
         elif p.kind in GROUPS:
@@ -66,6 +69,8 @@ def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
 def smooth_images(view: View, seen: Observable) -> dict[ParameterId, Single]:
     """Smooth maps that a camera may see and no run explains: gain along a view, and the wall's own cooling."""
     r = view.recording
+    if r.places is not None:  # points are no image
+        return {}
     rise = seen.values - (r.reflected_degC or float(np.nanmin(seen.values)))
     x, y = _unit(r.u), _unit(r.v)
     out = {}

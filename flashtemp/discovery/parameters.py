@@ -22,6 +22,7 @@ class Kind(StrEnum):
     SHIFT_U = "shift_u"  # of a recording's image, px
     SHIFT_V = "shift_v"
     GAIN = "gain"  # of a recording's radiance, relative
+    PLACE = "place"  # of a point of a recording along an axis, m
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
     WALL = "wall"  # cooling of the wall against the section behind it
@@ -29,7 +30,7 @@ class Kind(StrEnum):
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL})
+OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.PLACE})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 

@@ -32,6 +32,7 @@ Columns = dict[ParameterId, Array]
 STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
 LAG = 0.02  # s: step of what moves frames in time
+AWAY = 0.25  # of what is known of the place of a point: step of its derivative
 DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
 
 
@@ -238,6 +239,8 @@ def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Arr
 def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float]) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), gain, point spread (relative)."""
     out: Columns = {}
+    if recording.places is not None:
+        return _places(see, recording)
     for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
         if n > 1 and recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
             moved = np.array(shift) + 1j * STEP * np.eye(2)[axis]
@@ -247,6 +250,18 @@ def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float
     if recording.psf_sigma_px:
         wide = replace(recording, psf_sigma_px=recording.psf_sigma_px * 1.01)
         out[ParameterId(Kind.SPREAD)] = (see(recording=wide) - see()) / 0.01
+    return out
+
+
+def _places(see: Callable[..., Array], recording: Any) -> Columns:
+    """What it changes that each point sits a metre further along x, y or z, and that it shows too much of the rise."""
+    out: Columns = {}
+    places = recording.places
+    for i in np.flatnonzero(places.place_sigma_m > 0):
+        step = AWAY * float(places.place_sigma_m[i])
+        for axis, name in enumerate("xyz"):
+            ahead, behind = (see(recording=replace(recording, places=places.moved(name, s, i))) for s in (step, -step))
+            out[ParameterId(Kind.PLACE, (int(i), axis))] = (ahead - behind) / (2.0 * step)
     return out
 
 

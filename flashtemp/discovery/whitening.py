@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Force, View
-from flashtemp.comparison.compare import scatter
+from flashtemp.comparison.compare import levels, scatter
 from flashtemp.comparison.noise import Noise, noise, whiten
 from flashtemp.discovery.linear_gaussian import Array, Block
 from flashtemp.discovery.nuisances import smooth_images
@@ -121,8 +121,7 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
 
 def _noise(view: View, seen: Observable) -> Noise:
     """The noise of a recording, stated or estimated."""
-    stated = view.sigma_K if view.sigma_K is not None else view.recording.netd_K
-    return noise(_left(view, seen), stated, view.recording.fixed_pattern_K)
+    return noise(_left(view, seen), *levels(view))
 
 
 def _left(view: View, seen: Observable) -> Array:

@@ -15,7 +15,7 @@ CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
-    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain",
+    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.PLACE: "place of a point of",
 }  # fmt: skip
 
 

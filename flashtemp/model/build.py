@@ -42,6 +42,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     plan = Schedule(
         course.speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
         heading=course.heading, turns=course.turns, turn=v.schedule.turn,
+        alone=v.schedule.alone or 0.0,
     )  # fmt: skip
     outline = Outline(
         **materials,

@@ -45,6 +45,8 @@ class Moment(NamedTuple):
     passed: float = 0.0  # m of road since the first start of all repetitions
     lead: Any = None  # m from the edge that leads now: x, or while the block slides back, length - x
     direction: int = 1  # -1 while the block slides back
+    low: Any = None  # m above the interface, lower and upper edges of cells, for laws of a zone
+    high: Any = None
     leg: float = 0.0  # m since this repetition started or last turned round
 
     def at(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> Moment:
@@ -147,7 +149,9 @@ class Scene:
         """The schedule at time t within a phase."""
         s = self.schedule
         since, slid = t - phase.start, s.slid(phase, t)
-        if phase.sliding:
+        if s.alone:
+            now = Moment(t, 0.0, s.pressure(since), 0.0, since, 0.0, 0.0, False, self.ambient, phase.repetition)
+        elif phase.sliding:
             v = s.speed(since)
             now = Moment(
                 t, v, s.pressure(since), slid, since, 0.0, v, True, self.ambient, phase.repetition,

@@ -133,7 +133,7 @@ class Schedule:
     `speed` (m/s) and `pressure` (nominal contact pressure, Pa) count time from the start of each
     repetition; `lifted`: the block leaves the road while waiting.  `speed` has no sign: `heading` says which way a
     repetition begins (-1: back), `turns` (s since its start) when sliding turns round; `turn` > 0: it also turns after
-    every so many repetitions.
+    every so many repetitions.  With `alone` it is one phase in which nothing slides or touches.
 
     >>> s = Schedule(constant(0.1), constant(1.5e5), distance=3.5, repetitions=2, wait=10.0)
     >>> [(p.repetition, p.sliding, p.begin, p.end) for p in s.phases]
@@ -150,11 +150,12 @@ class Schedule:
     heading: int = 1
     turns: tuple[float, ...] = ()
     turn: int = 0
+    alone: float = 0.0  # s that the block is by itself, off the road, instead of sliding
 
     @cached_property
     def slide_time(self) -> float:
-        """Duration of one repetition of sliding, s."""
-        return float(self.speed.reach(self.distance))
+        """Duration of one repetition of sliding, or of the block by itself, s."""
+        return self.alone or float(self.speed.reach(self.distance))
 
     @cached_property
     def _turns(self) -> tuple[float, ...]:
@@ -227,13 +228,17 @@ class Schedule:
 
     def slid(self, phase: Phase, t: float) -> float:
         """Distance slid since the start of the repetition, m."""
+        if self.alone:
+            return 0.0
         return self.speed.integral(t - phase.start) if phase.sliding else self.distance
 
     def last_speed(self) -> float:
         """Speed just before a stop, m/s."""
-        return self.speed(self.slide_time)
+        return 0.0 if self.alone else self.speed(self.slide_time)
 
     def __str__(self) -> str:
+        if self.alone:
+            return f"Schedule block alone for {self.alone:g} s"
         v = self.speed
         speed = f"{v.value[0]:g}" if len(v.value) == 1 else f"{min(v.value):g}..{max(v.value):g}"
         if self.directions == {-1}:

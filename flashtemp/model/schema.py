@@ -50,6 +50,10 @@ TABLES: dict[str, dict[str, Param]] = {
             0, "1", "sliding turns round after every so many repetitions, 0 never", low=0, high=100000, kinds=("whole",)
         ),
         "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
+        "alone": Param(
+            None, "s", "time that the block is by itself, off the road, instead of sliding",
+            low=1e-6, high=1e9, kinds=AMOUNT,
+        ),
         "lifted": Param(True, "", "block lifted off the road while waiting", kinds=FLAG),
     },
     "ambient": {

@@ -34,6 +34,9 @@ class BoundaryHeat:
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell // mesh.n_across]
+        self.patched: dict[str, list] = {}
+        for part, p, _ in laws.patches:
+            self.patched.setdefault(part.site, []).append((part, p))
         self._check()
 
     def _check(self) -> None:
@@ -76,7 +79,7 @@ class BoundaryHeat:
                 at = slice(self.offset[s], self.offset[s + 1])
                 cells = self.cell[at]
                 slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
-                out.append((_ledger(site, self.laws.films[site][0][0]), cells, slope))
+                out += [(to, cells, share * slope) for to, share in self._shares(site, films.each[s])]
         for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
             slope = np.imag(heat) / STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
@@ -85,12 +88,32 @@ class BoundaryHeat:
 
     def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
         """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""
-        cell, _, half = self.scene.mesh.patches[site]
-        if site not in self.names:
-            return T[cell]
-        films, s = self._films(now), self.names.index(site)
-        inner = half / (self.k[cell // self.scene.mesh.n_across] * kf[cell])
-        return T[cell] + (films.far[s] - T[cell]) * inner / (inner + films.resistance[s])
+        surface: np.ndarray = self._surface(site, now, T + self.scene.ambient, kf)[0] - self.scene.ambient
+        return surface
+
+    def _surface(self, site: str, now, T, kf):
+        """At a site with cells at T (K): temperature (faces,) K of its surface, and the moment as laws see it.
+
+        Between them the share of the heat of those laws that goes into the cells and not back through films.
+        """
+        mesh = self.scene.mesh
+        cell, _, half = mesh.patches[site]
+        x, y, _ = mesh.place(cell)
+        at, inner = now.at(mesh, x, y), half / (self.k[cell // mesh.n_across] * kf[cell])
+        film, far = np.inf, 0.0
+        if site in self.names:
+            films, s = self._films(now, T.dtype), self.names.index(site)
+            film, far = films.resistance[s], films.far[s] + self.scene.ambient
+        share = 1.0 / (1.0 + inner / film) if film > 0 else 0.0 * inner
+        behind = T[cell] + (far - T[cell]) * (1.0 - share) if np.real(film) < np.inf else T[cell]
+        entries = self.patched.get(site, ())
+        if not entries:
+            return behind, share, at
+
+        def law(Ts, now, p):
+            return sum(part.law(Ts, now, own) for part, own in entries)
+
+        return behind + inner * share * patch_flux(law, behind, inner * share, at, None), share, at
 
     def _films(self, now, dtype: type | np.dtype = float) -> Films:
         """All films at a moment; those of a site act side by side."""
@@ -113,27 +136,38 @@ class BoundaryHeat:
     def _book(self, site, each, total, surface, area, led) -> None:
         """Divide the heat of a site among its films by h (T_far - T_surface)."""
         rest = total
-        for j, ((part, _, _), (h, far)) in enumerate(zip(self.laws.films[site], each, strict=True)):
-            last = j + 1 == len(each) or h == np.inf
+        passing = [(part, h, far) for (part, _, _), (h, far) in zip(self.laws.films[site], each, strict=True) if h != 0]
+        for j, (part, h, far) in enumerate(passing):
+            last = j + 1 == len(passing) or h == np.inf
             share = rest if last else h * (far * area - surface)
             led[_ledger(site, part)] += share
             rest = rest - share
             if last:
                 break
 
+    def _shares(self, site, each) -> list[tuple[str, float]]:
+        """(ledger, share) of every film of a site that lets heat pass: one that holds the surface has all of it."""
+        passing = [
+            (_ledger(site, part), h) for (part, _, _), (h, _) in zip(self.laws.films[site], each, strict=True) if h
+        ]
+        fixed = [to for to, h in passing if h == np.inf]
+        total = sum(h for _, h in passing)
+        return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
+
     def _general(self, now, T, kf):
         """(ledger, cells, heat in W/m per cell) of every patch and zone law at T (K)."""
         mesh = self.scene.mesh
-        for part, p, _ in self.laws.patches:
-            cell, area, half = mesh.patches[part.site]
-            x, y, _ = mesh.place(cell)
-            inner = half / (self.k[cell // mesh.n_across] * kf[cell])
-            flux = patch_flux(part.law, T[cell], inner, now.at(mesh, x, y), p)
-            yield _ledger(part.site, part), cell, area * flux
+        for site, entries in self.patched.items():
+            cell, area, _ = mesh.patches[site]
+            surface, share, at = self._surface(site, now, T, kf)
+            for part, p in entries:
+                yield _ledger(site, part), cell, area * share * part.law(surface, at, p)
         for part, p, _ in self.laws.zones:
             plane = mesh.block if part.site == "block" else mesh.road
             cells = mesh.everywhere(plane)
-            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre)
+            edges = mesh.height if part.site == "block" else -mesh.depth[::-1]
+            span = {"low": edges[:-1, None], "high": edges[1:, None]}
+            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
             volume = mesh.volume[plane][..., None] * mesh.share
             yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * volume
 

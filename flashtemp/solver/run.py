@@ -108,6 +108,8 @@ class Run(Shown):
         out = []
         for r in np.unique(self.repetition[self.sliding]):
             on = self.sliding & (self.repetition == r) & np.isfinite(self.friction)
+            if not on.any():  # nothing slides where the block is alone
+                continue
             s, mu = self.slid[on], self.friction[on]
             span = s[-1] - s[0]
             out.append(float(np.trapezoid(mu, s) / span) if span > 0 else float(mu[-1]))

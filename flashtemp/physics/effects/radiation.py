@@ -25,11 +25,20 @@ class Radiation(Effect):
         low=0.0, high=1.0, off=0.0,
     )  # fmt: skip
 
+    face = Param(
+        0.0, "1", "emissivity of the face while nothing touches it, at any temperature", low=0.0, high=1.0, off=0.0
+    )
+
     def heat(self, scene, p):
-        """Fluxes through all walls and the free road."""
+        """Fluxes through all walls, the free road and, while nothing touches it, the face."""
 
         def law(T, now, p):
             return p.emissivity * SIGMA * (now.ambient**4 - T**4)
 
         for site in ("block.leading", "block.trailing", "block.sides", "road.free"):
             yield Heat.patch(site, law)
+
+        def of_face(T, now, p):
+            return (0.0 if now.touching else p.face) * SIGMA * (now.ambient**4 - T**4)
+
+        yield Heat.patch("block.face", of_face)

@@ -1,0 +1,101 @@
+"""Places of thermocouples and pyrometers: where each sits, how slowly it follows, how well its place is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, nearest
+
+KEYS = {  # of one point: unit, lowest, highest value, default
+    "x": ("m", -1.0, 10.0, 0.0),
+    "y": ("m", -10.0, 10.0, 0.0),
+    "z": ("m", -10.0, 1.0, None),
+    "lag_s": ("s", 0.0, 1e4, 0.0),
+    "place_sigma_m": ("m", 0.0, 0.1, 0.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Points (n,): `x` from the leading edge, `y` from the centre line, `z` > 0 above the face in the block, < 0 in the
+    road, all m; `lag_s` time constant, `place_sigma_m` standard deviation of the place; `names` for people.
+    """
+
+    names: tuple[str, ...]
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    lag_s: np.ndarray
+    place_sigma_m: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __post_init__(self):
+        for key, (unit, low, high, _) in KEYS.items():
+            values = getattr(self, key)
+            if values.shape != (len(self),):
+                raise BadInput(
+                    f"{key}: {values.shape[0] if values.ndim else 'no'} values for {len(self)} points; one each"
+                )
+            bad = ~((values >= low) & (values <= high))
+            if bad.any():
+                raise BadInput(f"{key}: {values[bad][0]:g} of a point; give {low:g} to {high:g} {unit}")
+
+    def moved(self, axis: str, step: float, point: int | None = None) -> Places:
+        """The same with one point, or all of them, moved by `step` (m) along an axis; may leave its bounds a little."""
+        values = getattr(self, axis).copy()
+        values[slice(None) if point is None else point] += step
+        return _unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {axis: values})
+
+    def as_rows(self) -> list[dict[str, Any]]:
+        """One table per point, as in campaign.toml."""
+        return [{"name": n} | {k: float(getattr(self, k)[i]) for k in KEYS} for i, n in enumerate(self.names)]
+
+
+def _unchecked(values: dict[str, Any]) -> Places:
+    made = object.__new__(Places)
+    for name, value in values.items():
+        object.__setattr__(made, name, value)
+    return made
+
+
+def of_rows(rows: Any, key: str = "points") -> Places:
+    """Places from tables such as { z = 0.00572, lag_s = 0.5 }; `name` counts from 1 unless given.  Raises BadInput."""
+    if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
+        raise BadInput(f"{key}: {rows!r}; give a table per point, for example [{{ x = 0.01, z = 0.002 }}]")
+    known = ["name", *KEYS]
+    for number, row in enumerate(rows, 1):
+        for name, value in row.items():
+            if name not in known:
+                raise BadInput(f"{key}: point {number}: {name}: unknown key{nearest(name, known)}")
+            if name == "name" and not isinstance(value, str):
+                raise BadInput(f"{key}: point {number}: name: {value!r}; give text in quotes")
+            if name != "name" and (isinstance(value, bool) or not isinstance(value, (int, float))):
+                raise BadInput(f"{key}: point {number}: {name}: {value!r}; give a number ({KEYS[name][0]})")
+        if "z" not in row:
+            raise BadInput(f"{key}: point {number}: z: missing; give m above the face, below 0 in the road")
+    names = tuple(str(row.get("name", n)) for n, row in enumerate(rows, 1))
+    try:
+        return of_arrays(names, {k: [row.get(k, d) for row in rows] for k, (_, _, _, d) in KEYS.items()})
+    except BadInput as fault:
+        raise BadInput(*(f"{key}: {line}" for line in fault.lines)) from fault
+
+
+def of_arrays(names: Sequence[str], given: dict[str, Any]) -> Places:
+    """Places of points by name from a value per point of each key; those left out take their defaults.
+
+    Raises BadInput.
+    """
+    n = len(names)
+    for key, (unit, *_, default) in KEYS.items():
+        if key not in given and default is None:
+            raise BadInput(f"{key}: missing; give it for every point, in {unit}")
+    filled = {
+        k: np.asarray(given.get(k, np.full(n, d if d is not None else 0.0)), float) for k, (*_, d) in KEYS.items()
+    }
+    return Places(tuple(names), **filled)

@@ -1,0 +1,210 @@
+"""Thermocouples in a block that nothing touches: fields at places, lags, held and heated faces, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from flashtemp.camera import recording
+from flashtemp.camera.point_observation import asked, delayed
+from flashtemp.camera.points import of_rows
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison import campaign
+from flashtemp.comparison.compare import compare
+from flashtemp.errors import BadInput
+from flashtemp.model.case import load
+from flashtemp.solver.march import march
+
+K, RHO, C, H = 0.08, 256.0, 1070.0, 0.01144  # a light board
+D = K / (RHO * C)
+CASE = f"""
+free = ["materials.board.conductivity"]
+effects = [EFFECTS]
+[materials.board]
+conductivity = {K}
+density = {RHO}
+heat_capacity = {C}
+[block]
+material = "board"
+length = 0.05
+height = {H}
+[road]
+depth = 0.001
+upstream = 0.0
+downstream = 0.0
+[schedule]
+alone = 300.0
+[ambient]
+convection = 0.0
+[limits]
+temperature = 2000.0
+[numerics]
+cells = [4, 80, 4]
+first_x = 0.0125
+last_x = 0.0125
+first_block = 5e-5
+rtol = 1e-6
+"""
+
+
+def write(folder, effects, more=""):
+    named = ", ".join(f'"{e}"' for e in effects)
+    (folder / "case.toml").write_text(CASE.replace("EFFECTS", named) + more)
+    return folder / "case.toml"
+
+
+def end(folder, effects, more="", given=None):
+    """The run of a case, and its last field up the block (n,) degC at heights (n,) m."""
+    case = load(write(folder, effects, more), given)
+    run = march(case.scene, case.settings)
+    mesh = run.mesh
+    return run, run.field[-1][mesh.block[0]], 0.5 * (mesh.height[1:] + mesh.height[:-1])
+
+
+def stepped(z, t, lag=0.0, terms=200):
+    """Rise (t, z) in a slab whose face is 1 K warmer from t = 0 on and whose back is held, late by `lag` (s)."""
+    n = np.arange(1, terms + 1)
+    rate = D * (n * np.pi / H) ** 2
+    t, z = np.asarray(t)[:, None, None], np.asarray(z)[None, :, None]
+    fade = np.exp(-rate * t)
+    steady = 1.0 - z[..., 0] / H
+    if lag:
+        fade = (fade - np.exp(-t / lag)) / (1.0 - rate * lag)
+        steady = steady * (1.0 - np.exp(-t[..., 0] / lag))
+    return steady - np.sum(2.0 / (n * np.pi) * np.sin(n * np.pi * z / H) * fade, axis=2)
+
+
+def test_points_show_the_field_at_their_places_and_late(tmp_path, lab):
+    """A slab stepped by 100 K, two beads in it, one of 20 s: the campaign's table is the closed form."""
+    write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\nback = [[0.0, 20.0]]\n")
+    t, z, lags = np.linspace(10.0, 300.0, 30), np.array([0.00211, 0.0057]), (0.0, 20.0)
+    T = np.stack([20.0 + 100.0 * stepped([h], t, lag)[:, 0] for h, lag in zip(z, lags, strict=True)], axis=1)
+    np.savetxt(tmp_path / "t.csv", np.column_stack([t, T]), delimiter=",")
+    points = ", ".join(f"{{ x = 0.025, z = {h}, lag_s = {lag} }}" for h, lag in zip(z, lags, strict=True))
+    (tmp_path / "campaign.toml").write_text(
+        f'case = "case.toml"\n[[recording]]\nview = "points"\nfile = "t.csv"\npoints = [{points}]\nsigma_K = 0.05\n'
+    )
+    [seeing] = compare(campaign.load(tmp_path)).seeings
+    lab.check("points in a stepped slab, K of 100", float(np.abs(seeing.residual).max()), 0.02)
+    assert np.abs(T[:, 1] - 20.0 - 100.0 * stepped(z[1:], t)[:, 0]).max() > 5.0  # the lag is seen
+
+
+def test_a_lag_is_exact_for_a_broken_line():
+    t = np.array([0.0, 1.0, 4.0])
+    one = 1.0 - 2.0 * (1.0 - np.exp(-0.5))
+    after = 1.0 - 2.0 * 0.0 + (one - 1.0) * np.exp(-1.5)
+    assert delayed(t, np.array([0.0, 1.0, 1.0]), 2.0) == pytest.approx([0.0, one, after])
+
+
+def test_a_lag_asks_for_fields_before_its_readings():
+    places = of_rows([{"z": 0.001}, {"z": 0.001, "lag_s": 2.0}])
+    found = asked(places, np.array([100.0, 100.1]))
+    assert {100.0, 100.1} <= set(found.tolist())
+    assert found.min() == pytest.approx(84.0)
+    assert asked(places.moved("z", 1e-4), np.array([1.0])).min() > 0
+
+
+def test_radiation_film_and_heater_balance_exactly_at_1000_K(tmp_path, lab):
+    """Steady: a G + h (T_a - T) + eps sigma (T_a^4 - T^4) = k (T - T_b)/H, on a first cell of 1 mm."""
+    effects = ["heated_face", "radiation", "driven_faces"]
+    more = (
+        "[heated_face]\nirradiance = 8e4\nabsorptivity = 0.9\nfilm = 12.0\n[radiation]\nemissivity = 0.0\nface = 0.8\n"
+        "[driven_faces]\nback = [[0.0, 20.0]]\n"
+    )
+    run, T, z = end(tmp_path, effects, more, {"numerics.first_block": 1e-3, "schedule.alone": 2e4})
+
+    def left(Ts):
+        out = 12.0 * (Ts - 293.15) + 0.8 * 5.670374419e-8 * (Ts**4 - 293.15**4)
+        return 0.9 * 8e4 - out - K * (Ts - 293.15) / H
+
+    Ts = brentq(left, 300.0, 2000.0)
+    assert Ts > 1000.0
+    lab.check("face under a heater, K", float(np.abs(run.T_block[-1] + 273.15 - Ts).max()), 0.01)
+    lab.check("board behind it, K", float(np.abs(T + 273.15 - (Ts - (Ts - 293.15) * z / H)).max()), 0.02)
+    assert run.energy_imbalance < 1e-9
+
+
+def test_heat_absorbed_in_depth_follows_beer(tmp_path, lab):
+    """Steady, face insulated, back held: T = q/(k w) [(H - z) - d (exp(-z/d) - exp(-H/d))], w = 1 - exp(-H/d)."""
+    q, d = 500.0, 2e-3
+    more = (
+        f"[heated_face]\nirradiance = {q}\nabsorptivity = 1.0\nin_depth = 1.0\ndepth = {d}\n"
+        "[driven_faces]\nback = [[0.0, 20.0]]\n"
+    )
+    _, T, z = end(tmp_path, ["heated_face", "driven_faces"], more, {"schedule.alone": 2e4})
+    whole = 1.0 - np.exp(-H / d)
+    exact = q / (K * whole) * ((H - z) - d * (np.exp(-z / d) - np.exp(-H / d)))
+    lab.check("absorbed in depth, of the largest rise", float(np.abs(T - 20.0 - exact).max() / exact.max()), 2e-4)
+
+
+def test_the_heater_follows_its_course_and_its_profile(tmp_path, lab):
+    """All that it sends stays in an insulated board: q W integral of course times mean of profile."""
+    more = (
+        "[heated_face]\nirradiance = 1000.0\nabsorptivity = 0.5\nin_depth = 0.3\ncourse = [[0.0, 0.0], [100.0, 1.0]]\n"
+        "place = [[0.0, 0.0], [0.05, 1.0]]\n"
+    )
+    run, *_ = end(tmp_path, ["heated_face"], more)
+    given = 0.5 * 1000.0 * 0.05 * 0.5 * (50.0 + 200.0)
+    lab.check("heat in the board, relative", abs(run.energy["block"][-1] / given - 1.0), 1e-4)
+
+
+def test_nothing_acts_on_the_face_while_it_slides(tmp_path):
+    """A heater and a held face are of a block that nothing touches: under the contact they are off."""
+    effects = ["heated_face", "driven_faces"]
+    more = "[driven_faces]\nface = [[0.0, 120.0]]\n"
+    case = load(write(tmp_path, effects, more))
+    on = dict(case.values["schedule"])
+    assert on["alone"] == 300.0
+    given = {"schedule.alone": None}
+    text = (tmp_path / "case.toml").read_text().replace("alone = 300.0", "distance = 0.1")
+    (tmp_path / "case.toml").write_text(text)
+    hot, cold = load(tmp_path / "case.toml"), load(tmp_path / "case.toml", {"effects": []})
+    a, b = (march(c.scene, c.settings).T_block[-1] for c in (hot, cold))
+    assert np.array_equal(a, b), given
+
+
+def test_a_recording_of_points_survives_its_file(tmp_path):
+    rows = [{"name": "bead", "x": 0.01, "y": -0.002, "z": 0.003, "lag_s": 1.5, "place_sigma_m": 5e-4}, {"z": -0.001}]
+    made = Recording(
+        "points", np.array([[[20.0, 21.0]], [[22.0, np.nan]]]), np.array([0.0, 1.0]), np.array([1, 1]),
+        np.arange(2.0), np.zeros(1), places=of_rows(rows),
+    )  # fmt: skip
+    made.save(tmp_path / "p.nc")
+    read = recording.load(tmp_path / "p.nc")
+    assert read.places.as_rows() == made.places.as_rows()
+    assert np.array_equal(read.temperature, made.temperature, equal_nan=True)
+    assert "2 points" in str(read)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([{"x": 0.01}], "z: missing"),
+        ([{"z": 0.001, "depth": 1}], "depth: unknown key"),
+        ([{"z": "deep"}], "z: 'deep'; give a number (m)"),
+        ([{"z": 0.001, "lag_s": -1.0}], "lag_s: -1 of a point; give 0 to 10000 s"),
+        (3, "give a table per point"),
+    ],
+)
+def test_places_that_cannot_be_are_refused(rows, said):
+    with pytest.raises(BadInput) as fault:
+        of_rows(rows)
+    assert said in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("points = [{ z = 0.02 }]", "z = 0.02 m lies outside what is simulated, -0.001 to 0.01144 m"),
+        ("points = [{ z = 0.001 }, { z = 0.002 }]", "has 2 values; give 3 numbers per row"),
+        ('view = "wake"\npoints = [{ z = 0.001 }]', "points belong to view"),
+    ],
+)
+def test_campaigns_refuse_points_that_do_not_fit(tmp_path, entry, said):
+    write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\n")
+    (tmp_path / "t.csv").write_text("0,20\n10,21\n")
+    (tmp_path / "campaign.toml").write_text(f'case = "case.toml"\n[[recording]]\nfile = "t.csv"\n{entry}\n')
+    with pytest.raises(BadInput) as fault:
+        compare(campaign.load(tmp_path))
+    assert said in str(fault.value)

@@ -1,0 +1,93 @@
+"""The laboratory of tests/truth agrees with what flashtemp computes where nothing is hidden, and shows what is.
+
+It shares no solver, no closure and no camera arithmetic with flashtemp, so that what both say is so.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import truth
+from scipy.special import erfc
+from truth import laboratory
+from truth.laboratory import Errors, Programme
+from truth.sliding import Pair, Sliding
+
+from flashtemp.comparison import campaign
+from flashtemp.comparison.compare import compare
+
+EXACT = Errors(size=0.0, pattern=(0.0, 0.0))
+CALM = Programme(
+    convection=1e-3, mesh=1.0
+)  # walls that lose nothing: how much cooler they are is a closure good to 12 %
+SHORT = Programme(0.3, wait=2.0, columns=60, convection=1e-3, mesh=1.2, conditions=((1.5e5, 0.3),))
+
+
+@pytest.fixture
+def quiet(monkeypatch):
+    monkeypatch.setattr(laboratory, "NETD", 1e-6)
+
+
+def test_truth_imports_nothing_of_flashtemp():
+    for file in Path(truth.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(n.split(".")[0] == "flashtemp" for n in names), f"{file.name}: {names}"
+
+
+def test_the_block_takes_an_even_flux_like_a_half_space():
+    """Carslaw & Jaeger 2.9: 2 q/k sqrt(Dt) ierfc(z/2 sqrt(Dt))."""
+    pair = Pair(columns=8)
+    s = Sliding(pair, 0.2)
+    at = s._decay(0.01, 0.0)
+    for _ in range(500):
+        s.amplitude = s.amplitude * at["held"] + (at["early"] + at["late"]) * (s.forward @ np.full(8, 1000.0))[:, None]
+    z, root = np.array([0.0, 3e-4, 1e-3, 2e-3]), np.sqrt(4.0 * pair.k / pair.rc * 5.0)
+    exact = 1000.0 / pair.k * (root / np.sqrt(np.pi) * np.exp(-((z / root) ** 2)) - z * erfc(z / root))
+    np.testing.assert_allclose(s.field(pair.x[:1], z)[:, 0], exact, atol=1e-4 * exact[0])
+
+
+def check_agrees(folder, hidden, test, share, known=""):
+    """Recordings of a laboratory without errors against flashtemp: rms below a `share` of the largest rise."""
+    laboratory.campaign(folder, hidden, 1, EXACT, test)
+    believed = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(f"effects = {list(hidden)}\n{believed}\n{known}".replace("'", '"'))
+    found = compare(campaign.load(folder))
+    for s in found.seeings:
+        rise = np.nanmax(s.predicted) - laboratory.AIR
+        print(f"{s.view.file}: {s.rmse_K / rise:.2%} rms of {rise:.1f} K")
+        assert s.rmse_K < share * rise, str(found)
+    return found
+
+
+@pytest.mark.usefixtures("quiet")
+def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
+    check_agrees(tmp_path, {}, SHORT, 1e-3)
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("quiet")
+def test_nothing_hidden_compares_within_a_thousandth(tmp_path):
+    check_agrees(tmp_path, {}, CALM, 1e-3)
+
+
+EFFECTS = {
+    "pressure_tilt": ("a", 0.2), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
+    "conductivity_slope": ("block", 0.005), "ambient_drift": ("rate", 0.01), "conductance_speed": ("resistance", 2e-5),
+    "interface_resistance": ("resistance", 2e-5), "third_body": ("growth", 2e-5), "track_memory": ("strength", 1.0),
+    "side_cooling": ("gain", 60.0), "time_lag": ("lag", 0.1),
+}  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_an_effect_in_both_compares_as_nothing_hidden_does(tmp_path, effect):
+    """What is hidden in the truth is the effect of that name, told the same size."""
+    key, size = EFFECTS[effect]
+    share = 4e-3 if effect == "side_cooling" else 1e-3  # the wall of a stream of air: the closure's own error
+    check_agrees(tmp_path, {effect: size}, CALM, share, f"[{effect}]\n{key} = {size}\n")

@@ -1,0 +1,72 @@
+"""An infrared camera by quadrature: Planck's law over its band, optics on a fine grid, pixels summed point by point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+ZERO = 273.15
+FINE, POINTS = 6, 4  # fine places per pixel, and points per pixel and direction at which it is summed
+_degC = np.linspace(-40.0, 400.0, 1761)
+_um = np.linspace(8.0, 14.0, 121)
+_light = np.trapezoid(_um**-5 / np.expm1(14387.77 / (_um * (_degC[:, None] + ZERO))), _um, axis=1)
+light, degC = CubicSpline(_degC, _light), CubicSpline(_light, _degC)  # of a black body, 8 to 14 um
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """How an image lies wrong: shift along u and v (px), pixels `larger` than told, turned (rad), left for right."""
+
+    shift: tuple[float, float] = (0.0, 0.0)
+    larger: float = 0.0
+    turned: float = 0.0
+    mirrored: bool = False
+
+    def seen(self, u, v, pitch):
+        """Where points of the image (m as told) really lie; `turned` and `larger` about the middle of the image."""
+        middle = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
+        a, b = (-1.0 if self.mirrored else 1.0) * (u - middle[0]), v - middle[1]
+        c, s = np.cos(self.turned), np.sin(self.turned)
+        x = middle[0] + (1.0 + self.larger) * (c * a - s * b) + self.shift[0] * pitch
+        return x, middle[1] + (1.0 + self.larger) * (s * a + c * b) + self.shift[1] * pitch
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What a camera is: width of its point spread (px), true emissivity, smooth `gain` (nv, nu), and what it is told."""
+
+    psf: float = 0.7
+    emissivity: float = 0.95
+    told: float = 0.95
+    reflected: float = 20.0
+    gain: np.ndarray | float = 1.0
+
+
+def look(field, box, air, u, v, optics, geometry):
+    """Image (nv, nu) degC of `field(x, z)` -> (z, x) degC within `box` ((x0, x1), (z0, z1)) m, `air` degC outside.
+
+    Places are averaged as light; the camera turns light back with the emissivity it was told.
+    """
+    pitch = u[1] - u[0]
+    step, margin = pitch / FINE, 6.0 * pitch
+    x = np.arange(u[0] - margin, u[-1] + margin, step)
+    z = np.arange(v[0] - margin, v[-1] + margin, step)
+    scene = np.full((len(z), len(x)), float(light(air)))
+    i, j = ((a >= lo) & (a <= hi) for a, (lo, hi) in zip((x, z), box, strict=True))
+    scene[np.ix_(j, i)] = light(field(x[i], z[j]))
+    scene = gaussian_filter(scene, optics.psf * FINE, truncate=6.0)
+    nodes, weights = np.polynomial.legendre.leggauss(POINTS)
+    total = np.zeros((len(v), len(u)))
+    for du, wu in zip(nodes, weights, strict=True):
+        for dv, wv in zip(nodes, weights, strict=True):
+            U, V = np.meshgrid(u + 0.5 * du * pitch, v + 0.5 * dv * pitch)
+            X, Z = geometry.seen(U, V, pitch)
+            total += (
+                0.25 * wu * wv * map_coordinates(scene, [(Z - z[0]) / step, (X - x[0]) / step], order=3, mode="nearest")
+            )
+    emissivity = optics.emissivity * optics.gain
+    seen = emissivity * total + (1.0 - emissivity) * light(optics.reflected)
+    return degC((seen - (1.0 - optics.told) * light(optics.reflected)) / optics.told)

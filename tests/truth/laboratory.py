@@ -1,0 +1,366 @@
+"""A campaign as a laboratory hands it over, from `sliding` and `camera`: hidden effects, errors, files.
+
+Everything is drawn from a seed.  What was hidden and which errors were made is returned, never written beside the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from truth.camera import Geometry, Optics, look
+from truth.sliding import Pair, Sliding, impulse
+
+AIR, NETD, CELL = 20.0, 0.05, 0.005
+PITCH = {"sidewall": 2.5e-4, "wake": 5e-4}
+BEHIND = 0.03  # m of road that is seen
+CONDITIONS = ((1.5e5, 0.1), (0.75e5, 0.3))  # Pa, m/s
+TAKEN = (0.2, 0.55, 0.97)  # shares of a repetition at which frames are taken
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What the believed case does not know: sizes of effects by name (catalogue's own where it has them)."""
+
+    sizes: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, name):
+        return self.sizes.get(name, 0.0)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a laboratory in their usual size, all drawn: standard deviations, `size` scales them."""
+
+    size: float = 1.0
+    larger: float = 0.003  # pixel
+    turned: float = 0.3  # degrees
+    length: float = 1e-4  # m, of the block
+    map: float = 0.003  # emissivity over the image
+    level: float = 0.01  # friction of a condition
+    jitter: float = 0.01  # friction of a repetition
+    shift: float = 0.2  # px
+    emissivity: float = 0.01
+    spread: float = 0.05  # of the optics
+    clock: float = 0.01  # s
+    drift: float = 1e-4  # s of the clock per s
+    cell: float = 0.005  # gain of the load cell
+    mu: float = 0.05  # what is calibrated
+    fraction: float = 0.05
+    convection: float = 0.2
+    pattern: tuple[float, float] = (0.02, 0.05)  # K, from to
+
+
+@dataclass(frozen=True)
+class Programme:
+    """How the tester runs: repetitions of a distance (m) with waits (s) between, block lifted."""
+
+    distance: float = 0.6
+    repetitions: int = 2
+    wait: float = 8.0
+    columns: int = 100
+    mesh: float = 0.6
+    convection: float = 10.0
+    conditions: tuple[tuple[float, float], ...] = CONDITIONS
+
+
+def believed(test, more=""):
+    """The case that a laboratory believes."""
+    return f"""title = "independent laboratory"
+[contact]
+pressure = {test.conditions[0][0]}
+[schedule]
+speed = {test.conditions[0][1]}
+distance = {test.distance}
+repetitions = {test.repetitions}
+wait = {test.wait}
+[road]
+track_length = {test.distance}
+[ambient]
+convection = {test.convection}
+[numerics]
+mesh = {test.mesh}
+{more}"""
+
+
+@dataclass(frozen=True)
+class World:
+    """One condition as it really is."""
+
+    pair: Pair
+    test: Programme
+    hidden: Hidden
+    pressure: float
+    speed: float
+    mu: float
+    fraction: float
+    convection: float
+    scatter: tuple[float, ...]
+
+    @property
+    def shape(self):
+        """Local over mean pressure (columns,)."""
+        x, L, h = self.pair.x, self.pair.length, self.hidden
+        out = 1.0 + h("pressure_tilt") * (1.0 - 2.0 * x / L)
+        mean = 0.0025 / L * -np.expm1(-L / 0.0025)
+        out += h("edge_pressure") * (np.exp(-x / 0.0025) - mean)
+        out += h("waves") * np.cos(4.0 * np.pi * x / L)  # pressed in three places: no effect of the catalogue
+        return out / out.mean()
+
+    def friction(self, T, slid):
+        """mu (columns,) at temperatures degC of the spots, `slid` (m) in the test."""
+        out = self.mu * np.exp(-self.hidden("friction_softening") * (T - 20.0))
+        return out * (1.0 + self.hidden("polishing") * np.exp(-slid / 0.15))  # polishing: no effect of the catalogue
+
+    def resistance(self, slid):
+        """m2 K/W of what lies in the contact."""
+        h = self.hidden
+        out = h("interface_resistance") + h("conductance_speed") * (self.speed / 0.1) ** -0.5
+        return out + h("third_body") * slid
+
+    @property
+    def sides(self):
+        """Film (W/m2K) of the side walls while the block slides; sqrt(v) is the law of no effect of the catalogue."""
+        return self.hidden("side_cooling") * self.speed**0.8 + self.hidden("laminar_cooling") * self.speed**0.5
+
+    def air(self, t):
+        return self.hidden("ambient_drift") * t
+
+    def wall(self, z, t):
+        """Rise of the wall over that of the section behind it: films have drawn heat through it since t = 0.
+
+        Every draw spreads by diffusion from the wall and is made good by the contact at z = 0.
+        """
+        p = self.pair
+        if t <= 0.0:
+            return np.ones(len(z))
+        root = np.sqrt(t) * (np.arange(400) + 0.5) / 400  # of the age
+        reach = np.sqrt(p.k / p.rc) * root
+        near = np.array([np.mean(np.minimum(1.0, _erf(a / (2.0 * np.maximum(reach, 1e-12))))) for a in z])
+        film = self.convection + self.sides
+        return 1.0 / (1.0 + film / p.k * 2.0 * np.sqrt(p.k / p.rc * t / np.pi) * near)
+
+
+def _erf(x):
+    from scipy.special import erf
+
+    return erf(x)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What the cameras may see at a time `t` (s): the section's rises, the wall's share of them, the wake."""
+
+    t: float
+    repetition: int
+    sliding: bool
+    state: np.ndarray
+    wake: tuple[np.ndarray, np.ndarray]
+
+
+def live(world, asked):
+    """Run one condition; `asked` (repetition, sliding) -> shares of the stretch at which moments are kept.
+
+    Moments, and the load cell's times (s) and friction.
+    """
+    p, test, h = world.pair, world.test, world.hidden
+    flash = 1.0
+    s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((BEHIND + 3e-3) / p.dx))
+    dt, steps = p.dx / world.speed, round(test.distance / p.dx)
+    t, moments, times, cell, passed = 0.0, [], [], [], {}
+    films = (world.convection + world.sides, world.sides)
+    load = world.shape * world.pressure
+    for r in range(1, test.repetitions + 1):
+        s.lift()
+        begin, spot = t, s.face + AIR
+        at = {round(share * steps): share for share in asked[r, True]}
+        for k in range(1, steps + 1):
+            slid = (r - 1) * test.distance + k * p.dx
+            mu = world.friction(spot, slid) * (1.0 + world.scatter[r - 1])
+            t = begin + k * dt
+            warm = world.air(t) + _carried(world, passed, k, t)
+            heat = mu * load * world.speed / world.fraction
+            _, _, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
+            spot = rise + AIR
+            if k > p.columns:
+                passed[k - p.columns] = s.left(), t
+            if k % max(steps // 100, 1) == 0:
+                times.append(t)
+                cell.append(float(mu @ load / load.sum()))
+            if k in at:
+                places, wake = s.wake(world.convection, 0.0)
+                moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + world.air(t))))
+        if r < test.repetitions:
+            moments += _rest(world, s, t, r, asked.get((r, False), ()))
+            t += test.wait
+    return s, moments, np.array(times), np.array(cell)
+
+
+def _rest(world, s, begin, r, shares):
+    """Moments of a wait."""
+    count, out = 200, []
+    dt = world.test.wait / count
+    for k in range(1, count + 1):
+        t = begin + k * dt
+        s.rest(dt, (world.convection, 0.0), world.convection, world.air(t))
+        if k in [round(a * count) for a in shares]:
+            out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1))))
+    return out
+
+
+def _carried(world, passed, k, t):
+    """Rise (columns,) K of the road that comes round the track again."""
+    share, n = world.hidden("track_memory"), world.pair.columns
+    if not share or not passed:
+        return 0.0
+    place = np.clip(k - np.arange(n), 1, max(passed))
+    heat, then = (np.array([passed[i][j] for i in place]) for j in (0, 1))
+    old = t - then > 0.5 * world.test.wait
+    age = np.where(old, t - then, 1.0)
+    return np.where(old, share * world.fraction * impulse(heat, age, world.pair, world.convection), 0.0)
+
+
+# --- what is handed over -------------------------------------------------------------------------------
+def campaign(
+    folder, hidden=None, seed=0, errors=None, test=None, views=("sidewall", "wake"), flaw=0.0, free=None, beyond=None
+):
+    """Write campaign.toml, case.toml, recordings and load-cell traces into `folder`; what was drawn.
+
+    `beyond` replaces errors of every image: `larger`, `turned` (rad), `mirrored`; or `length` (m) of the block.  `flaw`
+    (K) is a smooth error in the wake's frames, such as a solver makes.
+    """
+    folder, hidden, errors, test = Path(folder), Hidden(hidden or {}), errors or Errors(), test or Programme()
+    folder.mkdir(parents=True, exist_ok=True)
+    rng, beyond = np.random.default_rng([seed, 5]), dict(beyond or {})
+    drawn = _Draw(rng, errors)
+    length = 0.025 + drawn(errors.length) + beyond.pop("length", 0.0)
+    pair = replace(Pair(columns=test.columns), length=length)
+    common = {k: float(np.exp(drawn(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
+    truth = {
+        "hidden": hidden.sizes,
+        "seed": seed,
+        "length": length,
+        "drawn": common,
+        "recordings": {},
+        "beyond": beyond,
+    }
+    lines = [f'title = "independent laboratory {seed}"', 'case = "case.toml"']
+    free = ["friction.mu", "contact.spot_fraction", "ambient.convection"] if free is None else free
+    lines.append(f"free = {free!r}".replace("'", '"'))
+    for number, (pressure, speed) in enumerate(test.conditions, 1):
+        scatter = tuple(drawn(errors.jitter) for _ in range(test.repetitions))
+        mu = common["mu"] * (1.0 + drawn(errors.level))
+        world = World(
+            pair,
+            test,
+            hidden,
+            pressure,
+            speed,
+            mu,
+            0.2 * common["fraction"],
+            test.convection * common["convection"],
+            scatter,
+        )
+        given = f'with = {{ "contact.pressure" = {pressure}, "schedule.speed" = {speed} }}'
+        asked = {(r, True): TAKEN for r in range(1, test.repetitions + 1)}
+        asked |= {(r, False): (0.6,) for r in range(1, test.repetitions)}
+        sliding, moments, times, cell = live(world, asked)
+        late = _clock(drawn, errors)
+        for view in views:
+            name = f"condition{number}_{view}.nc"
+            truth["recordings"][name] = _record(folder / name, view, world, sliding, moments, drawn, late, beyond, flaw)
+            lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(NETD, 1e-3)}"]
+        mu_read = cell * (1.0 + drawn(errors.cell)) + CELL * drawn.rng.normal(size=len(cell))
+        name = f"condition{number}_mu.csv"
+        rows = np.column_stack([times, mu_read])
+        np.savetxt(folder / name, rows, delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
+        lines += ["", "[[force]]", f'file = "{name}"', given, f"sigma = {CELL}"]
+    (folder / "case.toml").write_text(believed(test))
+    (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
+    return truth
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """Normal numbers of a given width, times the size of all errors."""
+
+    rng: np.random.Generator
+    errors: Errors
+
+    def __call__(self, width):
+        return float(self.errors.size * width * self.rng.normal())
+
+
+def _clock(drawn, errors):
+    offset, rate = abs(drawn(errors.clock)), drawn(errors.drift)
+    return lambda t, r: t + offset + rate * t * (1.0 if r > 1 else 0.5)
+
+
+def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
+    """Write one recording; its own errors."""
+    errors, pair, pitch = drawn.errors, world.pair, PITCH[view]
+    if view == "sidewall":
+        u = np.arange(-1e-3 + 0.5 * pitch, 0.026, pitch)
+        v = np.arange(-1e-3 + 0.5 * pitch, 0.008, pitch)
+    else:
+        u = np.arange(0.025 + 0.5 * pitch, 0.025 + BEHIND, pitch)
+        v = np.arange(-0.03 + 0.5 * pitch, 0.03, pitch)
+        moments = [m for m in moments if m.sliding]
+    geometry = Geometry(
+        (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned))
+    )
+    geometry = replace(geometry, **beyond) if view == "sidewall" else geometry
+    waves = [(m, n, drawn(errors.map)) for m, n in ((1, 0), (0, 1), (1, 1), (2, 1))]
+    a, b = np.linspace(0.0, 1.0, len(u)), np.linspace(0.0, 1.0, len(v))[:, None]
+    gain = 1.0 + sum(k * np.sin(np.pi * m * (a - 0.4)) * np.cos(np.pi * n * (b - 0.3)) for m, n, k in waves)
+    optics = Optics(0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0), gain=gain)
+    frames = []
+    for k, m in enumerate(moments):
+        frame = look(_seen(view, world, sliding, m), _box(view, pair), AIR + world.air(m.t), u, v, optics, geometry)
+        if view == "wake" and flaw:
+            frame = frame + flaw * np.exp(-a / 0.4) * np.cos(1.3 * k) * (np.abs(v) < 0.025)[:, None]
+        frames.append(frame)
+    T = np.array(frames)
+    pattern = drawn.rng.uniform(*errors.pattern)
+    T = T + pattern * drawn.rng.normal(size=T.shape[1:]) + NETD * drawn.rng.normal(size=T.shape)
+    lag = world.hidden("time_lag")
+    time = np.array([late(m.t, m.repetition) + lag for m in moments])
+    _write(file, view, T, time, [m.repetition for m in moments], u, v)
+    return {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}
+
+
+def _box(view, pair):
+    if view == "sidewall":
+        return (0.0, pair.length), (0.0, pair.height)
+    return (pair.length, pair.length + BEHIND + 2.5e-3), (-0.5 * pair.width, 0.5 * pair.width)
+
+
+def _seen(view, world, sliding, m):
+    """The field (z, x) degC of a view at a moment."""
+    if view == "wake":
+        places, rise = m.wake
+        return lambda x, y: AIR + np.tile(np.interp(x - world.pair.length, places, rise), (len(y), 1))
+
+    def wall(x, z):
+        rise = world.pair.above(z) @ m.state.T @ world.pair.along(x).T
+        air = world.air(m.t)
+        return AIR + air + (rise - air) * world.wall(z, m.t)[:, None]
+
+    return wall
+
+
+def _write(file, view, T, time, repetition, u, v):
+    import xarray as xr
+
+    coords = {
+        "time": ("frame", time, {"units": "s"}), "repetition": ("frame", repetition, {"units": "1"}),
+        "u": ("u", u, {"units": "m"}), "v": ("v", v, {"units": "m"}),
+    }  # fmt: skip
+    known = {
+        "view": view, "source": "independent laboratory", "Conventions": "CF-1.11", "emissivity": 0.95,
+        "reflected_degC": AIR, "netd_K": max(NETD, 1e-3), "psf_sigma_px": 0.7, "registration_sigma_px": 0.2,
+    }  # fmt: skip
+    ds = xr.Dataset({"temperature": (("frame", "v", "u"), T, {"units": "degC"})}, coords=coords, attrs=known)
+    ds.to_netcdf(file, engine="h5netcdf")

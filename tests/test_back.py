@@ -39,6 +39,7 @@ def shuttle(way, back, ramp=1e-4):
 
 # --- mirror symmetry -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("more", [{}, RICH, {"numerics__across": 6}], ids=["bare", "rich", "3D"])
+@pytest.mark.sample("rich")
 def test_sliding_back_is_the_mirror_image_bit_for_bit(lab, more):
     forward, back = (lab.case(**SMALL, **more, schedule__speed=v) for v in (V, -V))
     for name in ("T_block", "T_spot", "T_road", "pressure", "worn"):

@@ -220,6 +220,7 @@ def test_files_of_the_case_come_along(tmp_path):
     assert json.loads((out / "friction.json").read_text())["pressure_Pa"] == 3e5
 
 
+@pytest.mark.long
 def test_json_is_all_that_is_printed(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["friction", str(SLOPE), "friction.mu=0.5", "--slowest", "1e-5", "--json"]) == 0

@@ -92,6 +92,7 @@ def temperatures(out) -> dict[str, list]:
     return {p.name: pv.read(p)["T_degC"].tolist() for p in (out / "pvd").glob("*.vtr")}
 
 
+@pytest.mark.long
 def test_for_print_and_for_older_paraview(result, capsys):
     _, out = result
     series = temperatures(out)

@@ -374,12 +374,14 @@ def render(fig):
         *(pytest.param(*v, marks=pytest.mark.long) for v in (("named", 1), ("weak", 2), ("none_needed", 2))),
     ],
 )
+@pytest.mark.sample("group-3")
 def test_no_text_leaves_a_picture(kind, count):
     for name, fig in discovery.figures(verdict(kind, count)).items():
         render(fig)
         assert name in discovery.CAPTIONS
 
 
+@pytest.mark.long
 def test_files_are_named_by_what_they_show(tmp_path):
     paths = discovery.draw_all(verdict("named"), tmp_path)
     wanted = ["what_is_wrong.png", "not_noise.png", "missing.png", "why.png", "else.png", "gained.png"]

@@ -185,6 +185,7 @@ def perfect(campaigns):
 
 
 @pytest.mark.parametrize("start", [1e-6, 1e-4])
+@pytest.mark.sample("1e-06")
 def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect, start):
     name = "interface_resistance"
     strength = ParameterId.of_effect(name, "resistance")

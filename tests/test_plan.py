@@ -154,6 +154,7 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
         assert found[name].z_left == pytest.approx(best.z_left[name], rel=0.35)
 
 
+@pytest.mark.long
 def test_what_is_measured_already_can_be_planned_on(tmp_path):
     """Recordings as files: nothing of their values matters but the noise that they tell."""
     (tmp_path / "case.toml").write_text(CASE)

@@ -184,6 +184,7 @@ def test_verdicts_follow_from_size_and_structure():
     assert comparison_report.grip(pulling(0.0, 1.0, sure=0.5))[1] == "good"
 
 
+@pytest.mark.long
 def test_a_refused_shift_and_estimated_noise_are_said():
     s = replace(seeing(), shift_refused=(4.4, 0.4), shift=(0.0, 0.0), shift_error=(0.0, 0.0))
     reader = Reader(comparison_report.text(comparison([s], [])))

@@ -124,6 +124,7 @@ def test_worn_volume_is_the_integral_of_the_law(lab, softening):
     assert run.worn_volume == pytest.approx(volumes[-1], rel=1e-14)
 
 
+@pytest.mark.long
 def test_worn_volume_with_a_rate_that_depends_on_temperature(lab):
     """k mu p exp(b dT) integrated over the records by the trapezoidal rule; 600 of them."""
     run = lab.case(

@@ -58,6 +58,7 @@ def test_shares_of_a_polynomial_are_exact():
     np.testing.assert_allclose(found.total(3), [0.8, 0.2, 0.4], atol=1e-9)
 
 
+@pytest.mark.long
 def test_what_no_input_explains_is_told():
     for rows, count in ((60, 4), (150, 15)):
         noise = np.random.default_rng(3).normal(size=rows)
@@ -142,6 +143,7 @@ def test_the_linear_band_holds_95_percent_of_200_drawn_truths(linear):
     assert np.all((found >= 0.93) & (found <= 0.97))
 
 
+@pytest.mark.long
 def test_a_band_of_half_the_width_would_be_noticed(linear):
     narrow = replace(linear, bands={k: _half(b) for k, b in linear.bands.items()})
     assert coverage(case(), narrow, 24)[0] < 0.85

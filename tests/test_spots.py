@@ -41,7 +41,6 @@ def test_the_seed_decides():
     assert not np.array_equal(first, other)
 
 
-@pytest.mark.long
 def test_too_many_discs_are_refused():
     with pytest.raises(BadInput, match="at random"):
         discs("random", D, 0.8, 0.02, 0.06, 1)

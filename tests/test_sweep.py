@@ -213,6 +213,7 @@ def test_a_worker_of_a_real_cluster_is_killed(case, tmp_path):
     assert len(list((out / "points").iterdir())) == 24
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_points_to_go_on_from(case, tmp_path):
     """The command itself, stopped as a person would."""
     out = tmp_path / "out"

@@ -201,6 +201,7 @@ def test_trace_beside_effects_that_remember(given, keys):
         check(hood, given, key)
 
 
+@pytest.mark.long
 def test_trace_of_the_tracks_memory_from_nothing():
     """Coarser than others: where no heat comes round yet, the laps of the run are no events."""
     check(traces({}, ["track_memory.strength"]), {}, "track_memory.strength", T_block=0.05, T_wake=0.05, field=0.06)

@@ -242,6 +242,7 @@ def test_no_file_is_overwritten(taken, tmp_path, capsys, monkeypatch):
     ("kind", "pixel", "said"),
     [("noise", "1e-3", ["Hurst exponent -"]), ("road", "1e-12", ["rms slope"]), ("road", str(PIXEL), [])],
 )
+@pytest.mark.sample("road-0.0002-said2")
 def test_what_no_road_has_is_remarked(heights, kind, pixel, said, tmp_path, capsys):
     noise = 1e-4 * np.random.default_rng(2).standard_normal((128, 128))
     np.save(tmp_path / "road.npy", noise if kind == "noise" else heights[0, :256, :256])

@@ -73,6 +73,7 @@ def test_friction_that_falls_with_speed_chatters():
         assert tread_block.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
 
 
+@pytest.mark.long
 def test_steps_are_doubled_until_the_friction_stays():
     """Stick-slip needs more of them, up to a most; where friction rises with speed the first are enough."""
     speeds, slips, steps = np.array([1e-5, 1e-3, 10.0]), [0.05, 0.09], {}
@@ -91,6 +92,7 @@ def test_steps_are_doubled_until_the_friction_stays():
     assert rising == 200 < falling < 3200
 
 
+@pytest.mark.long
 def test_one_small_change_does_not_settle_stick_slip():
     """A bristle so light that 200 steps miss its ringing: 400 change friction by less than 2 %, 800 by more."""
     light, slips = replace(BLOCK, mass=1e-3), [0.05, 0.09]

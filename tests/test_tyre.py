@@ -155,6 +155,7 @@ def test_small_spots_show_nothing_through_a_brush(corner):
     assert abs(corner(20.0, 0.003).fall("brush")) < 0.01 < corner(20.0, 0.003).fall("rigid")
 
 
+@pytest.mark.long
 def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     """The trap of C28: bristles of 5 kg/m2 let even the cold control fall."""
     law = cold_hot_law.law(THEORY, RUBBER, Spots(0.01, 0.2), 293.15, P, 15.0)
@@ -202,6 +203,7 @@ def test_command_and_case(tmp_path, capsys):
     assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.MODELS)
 
 
+@pytest.mark.long
 def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
     """As the issue has it: a load effect is never read at an edge; the road takes heat or not."""
     given = ["tyre.angles=[5, 15]", "tyre.road_heat=false", "tyre.memory=0.2"]
@@ -228,6 +230,7 @@ def test_angles_are_led_on_to_both_sides(synthetic):
     assert not kept.falls("rigid")
 
 
+@pytest.mark.long
 def test_a_fall_is_explained_where_there_is_one(tmp_path, capsys):
     """Soft bristles hardly slide: their side force rises with load, that of rigid ones falls."""
     soft = ["tyre.stiffness=1e5", "tyre.mass=1e-6", "tyre.angles=[5, 10, 15]", "ambient.temperature=20"]

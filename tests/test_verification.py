@@ -83,6 +83,7 @@ def test_V14_face_of_a_lifted_block_cools_by_convection(lab):
     lab.check("V14 half-space, of 0.92925248", abs(left - 0.92925248), 0.0004)
 
 
+@pytest.mark.long
 def test_V14_slab_cools_to_the_holder_and_order(lab):
     errors = []
     for refine in (1, 2, 4):
@@ -201,6 +202,7 @@ def test_V8_wake_behind_the_block(lab):
     lab.check("V8 wake from 2 mm behind, K", np.abs(T[far] - closed).max(), 0.05)
 
 
+@pytest.mark.long
 def test_V8_isothermal_wall(lab):
     mesh = block_on_road.build(L, 1e-4, 2.2e-5, (40, 4, 30), 2e-6, 4e-4, 2e-5, 5e-9, refine=2)
     copper = Material(1e6, 1200.0, 1700.0)

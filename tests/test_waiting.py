@@ -111,6 +111,7 @@ def test_first_repetition_alone_is_too_hot(case):
         assert key in str(answer)
 
 
+@pytest.mark.long
 def test_six_hours_do_not_help(case):
     """An insulated block keeps its heat; waiting only spreads it."""
     warm = case(holder_sink__coefficient=0.0, ambient__convection=0.0)

@@ -77,6 +77,7 @@ def test_failures_come_back_in_their_place(count):
 
 
 @pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.long
 def test_several_faults_stay_apart(count, tmp_path):
     file = tmp_path / "case.toml"
     file.write_text("[friction]\nmu = -1\n[block]\nheight = -2\n")

@@ -72,6 +72,7 @@ def test_a_film_that_cannot_be_names_its_effect(film, code, tells, tmp_path, cap
     assert tells in line
 
 
+@pytest.mark.long
 def test_a_holder_that_hardly_gives_is_rigid(tmp_path, capsys):
     (tmp_path / "case.toml").write_text('effects = ["friction_moment"]\n', encoding="utf-8")
     small = ["schedule.distance=0.01", "numerics.mesh=coarse", "output.pictures=false", "output.vtk=false"]

@@ -57,9 +57,7 @@ class Discs:
         return _along(share, self.repeat / count)
 
 
-JAMMED = (
-    0.6  # of an area: discs laid down at random cover 0.547 of it at most (Feder 1980), a little more of a small one
-)
+JAMMED = 0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ def draw(verdict) -> Figure:
     """Differences (K) before and after, parameter shifts (%), and T(x) of recordings that were left out."""
     first, second = sizes(verdict), moved(verdict)
     left_out = [p for g in verdict_parts.every(verdict) for p in g if p.before.view.held_out and p.after is not None]
+    left_out = [p for p in left_out if p.recording.places is None]  # points are drawn over time
     left_out = sorted(left_out, key=lambda p: -verdict_parts.difference(p))[:HELD]
     top = 0.7 + 0.24 * max(len(first), len(second), 4)
     tall = [top, *([2.3] if left_out else [])]

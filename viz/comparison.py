@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from flashtemp.viz import theme
+from flashtemp.viz import point_series, theme
 from flashtemp.viz.residuals import (
     BAND,
     BEYOND,
@@ -35,7 +35,12 @@ CLIP = 5.0  # sigma where the colours end
 MARGIN = 2  # pixels drawn beyond those that are compared
 SPREAD = 5  # pixels along a side of what counts as structure
 DOTS = 1500  # readings of a trace that are drawn
-UPWARD = {"sidewall": ("z", "above the interface"), "wake": ("y", "from the centre line"), "profile": ("", "")}
+UPWARD = {
+    "sidewall": ("z", "above the interface"),
+    "wake": ("y", "from the centre line"),
+    "profile": ("", ""),
+    "points": ("", ""),
+}
 COLUMNS = ("measured", "computed", "measured − computed", "the same in sigma")
 
 
@@ -73,6 +78,8 @@ def images(seeing, run=None) -> Figure:
 
     A profile is drawn as lines in degC, its difference in K with the band of noise of one pixel.
     """
+    if seeing.view.recording.places is not None:
+        return point_series.picture(seeing)
     chosen = frames(seeing, run)
     if seeing.view.recording.view == "profile":
         return _lines(seeing, chosen)
@@ -202,7 +209,7 @@ def along(seeing, run=None) -> Figure:
     The band is two standard errors of the mean; with the `run` of the condition waits are shaded.
     """
     r, level = seeing.view.recording, seeing.noise
-    up, where = UPWARD[r.view]
+    up, where = UPWARD.get(r.view, ("", ""))
     fig = figure(seeing.view, WIDTH, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])

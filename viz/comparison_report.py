@@ -14,8 +14,8 @@ from flashtemp.solver.run import Run
 from flashtemp.viz import html
 
 CLOSE = 1.5  # chi2/dof up to which a difference is about as large as the noise
-UP = {"sidewall": "z", "wake": "y", "profile": ""}
-BODY = {"sidewall": "the block", "wake": "the road", "profile": "the block"}
+UP = {"sidewall": "z", "wake": "y", "profile": "", "points": ""}
+BODY = {"sidewall": "the block", "wake": "the road", "profile": "the block", "points": "the place"}
 READING = (
     ("Computed", "What the camera would have reported if the model were right: the simulated temperatures seen through"
      " the camera's own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one"
@@ -98,8 +98,9 @@ def _most(s: Seeing) -> str:
 
 def place(s: Seeing, at: Place) -> str:
     """A place and time of a recording: mm, s."""
-    up = UP[s.view.recording.view]
+    up, points = UP[s.view.recording.view], s.view.recording.places
     where = f"x = {1e3 * at.u:.3g} mm" + (f", {up} = {1e3 * at.v:.3g} mm" if up else "")
+    where = where if points is None else f"point {points.names[round(at.u)]}"
     return f"{where}, t = {at.time:.4g} s (repetition {at.repetition})"
 
 
@@ -206,7 +207,7 @@ def _pictures(comparison: Comparison) -> list[str]:
     for s in comparison.seeings:
         run = runs.get(id(s.view))
         seen = "Measured, computed and their difference in K" + (
-            "" if s.view.recording.view == "profile" else " and in sigma; grey: dead pixels and what is not compared"
+            "" if s.view.recording.line else " and in sigma; grey: dead pixels and what is not compared"
         )
         out += [
             f"<h3>{escape(_file(s.view))}</h3>",

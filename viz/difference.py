@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 from scipy.ndimage import uniform_filter
 
-from flashtemp.viz import theme, verdict_parts
+from flashtemp.viz import point_series, theme, verdict_parts
 from flashtemp.viz.residuals import SURE, VIEWS, against, edges
 
 MASKED = "#A9A9A9"
@@ -39,7 +39,10 @@ def draw(verdict) -> Figure:
     )
     parts = fig.subfigures(len(views), 1, height_ratios=tall, squeeze=False)[:, 0]
     for part, (view, own) in zip(parts, views.items(), strict=True):
-        _profiles(part, own) if view == "profile" else _images(part, view, own)
+        if view == "points":
+            point_series.panel(part, [p for g in verdict_parts.every(verdict) for p in g if p.recording.view == view])
+        else:
+            _profiles(part, own) if view == "profile" else _images(part, view, own)
     return fig
 
 

@@ -58,7 +58,7 @@ def figures(verdict) -> dict[str, Figure]:
     alike = verdict.separability is not None and len(verdict.separability[0]) > 0
     drawn = {
         "what_is_wrong": (difference.draw, bool(verdict.before)),
-        "not_noise": (whitened_maps.draw, bool(verdict.before)),
+        "not_noise": (whitened_maps.draw, bool(whitened_maps.imaged(verdict))),
         "missing": (missing_heat.draw, bool(verdict.missing)),
         "why": (candidates.why, bool(candidates.scores(verdict))),
         "else": (candidates.alternatives, alike or bool(verdict.nuisance)),

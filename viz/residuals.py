@@ -14,7 +14,7 @@ Layout = Literal["constrained", "compressed", "tight"]
 MEASURED, COMPUTED = "#2B2B2B", "#0072B2"
 BAND, BEYOND = "#C3D8E8", "#C8420B"
 SURE = 2.0  # standard errors: half the width of the bands
-VIEWS = {"sidewall": "side wall", "wake": "wake on the road", "profile": "profile along the block"}
+VIEWS = {"sidewall": "side wall", "wake": "wake on the road", "profile": "profile along the block", "points": "points"}
 
 
 # --- words ------------------------------------------------------------------------------------------

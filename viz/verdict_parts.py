@@ -28,7 +28,7 @@ SOUND = {
     "not_noise": "Is it noise",
     "missing": "Is any heat missing",
 }
-ORDER = ("sidewall", "wake", "profile")
+ORDER = ("sidewall", "wake", "profile", "points")
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,16 @@ VIEW = {"sidewall": "side wall", "wake": "wake", "profile": "profile"}
 ROW = 1.15  # inches
 
 
+def imaged(verdict) -> list:
+    """Conditions with recordings that have pixels: points have none to map."""
+    groups = [[p for p in g if p.recording.places is None] for g in verdict_parts.shown(verdict)]
+    return [g for g in groups if g]
+
+
 @theme.styled
 def draw(verdict) -> Figure:
     """Means over all frames of the whitened difference (sigma), one row per condition, base beside extended."""
-    groups = verdict_parts.shown(verdict)
+    groups = imaged(verdict)
     views = list(verdict_parts.by_view(groups))
     stages = ["base", "extended"] if any(p.after is not None for g in groups for p in g) else ["base"]
     columns = [(view, stage) for view in views for stage in stages]

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId, Priors
-from flashtemp.discovery.prediction import Observable, Single, packed
+from flashtemp.discovery.parameters import ALL, SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.prediction import Observable, Single, packed, placed
 from flashtemp.discovery.problem import Problem
 
 MODES = 6  # cosines of the pressure along the block
@@ -41,18 +41,31 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model, scal
     out: Priors = {}
     free = problem.priors
     known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
-    places = {v.file: v.recording.places for v in problem.campaign.views if v.recording.places is not None}
+    places = places_known(problem.campaign.views)
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
         elif p.kind in SHIFTS:
             out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
         elif p.kind is Kind.PLACE:
-            out[p] = (0.0, float(places[p.file].place_sigma_m[p.index[0]]))
+            out[p] = (0.0, places[p])
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, scale * MODE / p.index[0])
         elif p.kind in GROUPS:
             out[p] = (0.0, GROUPS[p.kind] * (min(scale, MOST) if p.kind in LARGER else 1.0))
+    return out
+
+
+def places_known(views: Iterable[View]) -> dict[ParameterId, float]:
+    """Standard deviation (m) of the place of every point along every axis."""
+    out = {}
+    for v in views:
+        places = v.recording.places
+        if places is None:
+            continue
+        for i, name in enumerate(places.names):
+            for axis in range(3):
+                out[placed(name, i, axis).within(ALL, v.file)] = float(places.place_sigma_m[i])
     return out
 
 

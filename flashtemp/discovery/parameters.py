@@ -30,7 +30,7 @@ class Kind(StrEnum):
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.PLACE})
+OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 
@@ -39,7 +39,8 @@ class ParameterId:
     """One parameter: hashable, sorted by its fields, written as text only for people and files.
 
     `index` tells those of a kind apart: the repetition, the half waves along (and up), the set of shapes of a trace.
-    `name` is a key of the case, or a parameter of the `effect`; `file` and `condition` say where alone it acts.
+    `name` is a key of the case, a parameter of the `effect`, or a point that all recordings share; `file` and
+    `condition` say where alone it acts.
 
     >>> print(ParameterId(Kind.FLUX, (2,), condition=1), ParameterId.of_effect("pressure_tilt", "a"))
     flux:2|1 pressure_tilt.a
@@ -64,7 +65,7 @@ class ParameterId:
 
     def within(self, condition: int, file: str) -> ParameterId:
         """The same where it belongs: to a recording, to a condition, or to all."""
-        if self.kind in OF_A_RECORDING:
+        if self.kind in OF_A_RECORDING or (self.kind is Kind.PLACE and not self.name):
             return replace(self, file=file)
         return replace(self, condition=condition) if self.kind in OF_A_CONDITION else self
 
@@ -83,7 +84,7 @@ class ParameterId:
             return self.name
         if self.kind is Kind.EFFECT:
             return f"{self.effect}.{self.name}" + "".join(f"@{n}" for n in self.index)
-        where = self.file or (str(self.condition) if self.condition != ALL else "")
+        where = self.file or self.name or (str(self.condition) if self.condition != ALL else "")
         return ":".join([self.kind, *map(str, self.index)]) + (f"|{where}" if where else "")
 
 

@@ -254,15 +254,20 @@ def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float
 
 
 def _places(see: Callable[..., Array], recording: Any) -> Columns:
-    """What it changes that each point sits a metre further along x, y or z, and that it shows too much of the rise."""
+    """What it changes that each point sits further along x, y or z, per metre."""
     out: Columns = {}
     places = recording.places
     for i in np.flatnonzero(places.place_sigma_m > 0):
         step = AWAY * float(places.place_sigma_m[i])
         for axis, name in enumerate("xyz"):
             ahead, behind = (see(recording=replace(recording, places=places.moved(name, s, i))) for s in (step, -step))
-            out[ParameterId(Kind.PLACE, (int(i), axis))] = (ahead - behind) / (2.0 * step)
+            out[placed(places.names[i], int(i), axis)] = (ahead - behind) / (2.0 * step)
     return out
+
+
+def placed(name: str, number: int, axis: int) -> ParameterId:
+    """The place of a point along an axis: a name is that of one thermocouple in all recordings, a number is not."""
+    return ParameterId(Kind.PLACE, (number, axis)) if name.isdigit() else ParameterId(Kind.PLACE, (axis,), name=name)
 
 
 def _force(force: Force, near: Neighbourhood[ParameterId]) -> Observable:

@@ -1,0 +1,38 @@
+"""Thin the published table to the rows of this folder: `python thin.py Black-Insulation_q50_Temp.csv`.
+
+Every 2 s up to 120 s, every 10 s after; degC instead of K; nothing is smoothed.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+EARLY, FITTED = 120, 600  # s
+
+
+def main(source: str) -> None:
+    """Write face, middle and back, and all three together."""
+    table = np.genfromtxt(source, delimiter=",", skip_header=2)
+    time = table[:, 0]
+    table = table[((time <= EARLY) & (time % 2 == 0)) | (time % 10 == 0)]
+    time, T = table[:, 0], table[:, 1:4] - 273.15
+    uncertain = table[:, 4:7]
+    print("median of the published Uc (two standard deviations of the mean of three), K:", np.median(uncertain, axis=0))
+    for name, column in (("face", 0), ("back", 2)):
+        _write(name, "time_s,degC", time, T[:, [column]])
+    even = time % 10 == 0
+    parts = {"0_120": time <= EARLY, "120_600": (time > EARLY) & (time <= FITTED), "600_1200": time > FITTED}
+    for name, rows in parts.items():
+        _write(f"middle_{name}", "time_s,degC", time[rows & even], T[rows & even][:, [1]])
+        _write(f"stack_{name}", "time_s,degC_5.72mm,degC_11.44mm,degC_17.16mm", time[rows & even], T[rows & even])
+
+
+def _write(name: str, header: str, time: np.ndarray, values: np.ndarray) -> None:
+    rows = [",".join([f"{t:g}", *(f"{v:.2f}" for v in row)]) for t, row in zip(time, values, strict=True)]
+    (HERE / f"{name}.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

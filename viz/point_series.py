@@ -1,0 +1,63 @@
+"""Thermocouples against time: measured and computed, and their difference with the band of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.residuals import BAND, SURE, figure, plain
+
+COLOURS = ("#2B2B2B", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+WIDTH = 9.6  # inches
+MANY = 12  # points that are drawn
+
+
+@theme.styled
+def picture(seeing) -> Figure:
+    """Temperatures (degC) of up to twelve points over time (s), measured as dots and computed as lines; below, K."""
+    r, fig = seeing.view.recording, figure(seeing.view, WIDTH, 4.6)
+    above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+    for j, name in enumerate(r.places.names[:MANY]):
+        colour = COLOURS[j % len(COLOURS)]
+        above.plot(r.time, r.temperature[:, 0, j], "o", color=colour, ms=2.4, mew=0, label=plain(name))
+        above.plot(r.time, seeing.predicted[:, 0, j], color=colour, lw=0.9)
+        below.plot(r.time, seeing.residual[:, 0, j], "-o", color=colour, lw=0.7, ms=1.8, mew=0)
+    _band(below, r.time, seeing)
+    above.set_ylabel(f"temperature ({theme.DEGREE})")
+    above.legend(title="dots measured, lines computed", ncols=3)
+    below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
+    fig.supxlabel("blue band: noise of one reading alone, two standard deviations", fontsize=7.5)
+    return fig
+
+
+def panel(part, own: list) -> None:
+    """Differences (K) over time (s) of all points of recordings, before and, where there is one, after."""
+    part.suptitle("thermocouples", x=0.01, ha="left", fontsize=8.5)
+    stages = ["base", "extended"] if any(p.after is not None for p in own) else ["base"]
+    axes = part.subplots(1, len(stages), sharex=True, sharey=True, squeeze=False)[0]
+    for ax, stage in zip(axes, stages, strict=True):
+        names: dict[str, str] = {}
+        for pair in own:
+            seeing = pair.before if stage == "base" else pair.after
+            if seeing is None:
+                continue
+            r = seeing.view.recording
+            _band(ax, r.time, seeing)
+            for j, name in enumerate(r.places.names[:MANY]):
+                fresh = name not in names
+                colour = names.setdefault(name, COLOURS[len(names) % len(COLOURS)])
+                ax.plot(
+                    r.time, seeing.residual[:, 0, j], "o", color=colour, ms=2.4, mew=0.5,
+                    mfc="white" if seeing.view.held_out else colour, label=plain(name) if fresh else None,
+                )  # fmt: skip
+        ax.axhline(0.0, color=theme.AMBIENT, lw=0.5)
+        ax.set(xlabel="time (s), open dots: left out of the fit", title=stage)
+    axes[0].set_ylabel("measured −\ncomputed (K)")
+    axes[-1].legend()
+
+
+def _band(ax, time: np.ndarray, seeing) -> None:
+    """Two standard deviations of one reading."""
+    half = SURE * float(np.hypot(seeing.noise.white, seeing.noise.pattern))
+    ax.fill_between([time[0], time[-1]], -half, half, color=BAND, lw=0, zorder=0)

@@ -69,7 +69,18 @@ class Seeing:
             "largest": self.largest and asdict(self.largest),
             "correlation": {k: {"lag_one": r, "sigma": s} for k, (r, s) in self.correlation.items()},
             "white": self.white,
-        }
+        } | ({"points": self.each_point} if r.places is not None else {})
+
+    @property
+    def each_point(self) -> list[dict[str, Any]]:
+        """Name, rms and mean difference (K) of every point of a recording of points."""
+        places = self.view.recording.places
+        left = self.residual[:, 0].T
+        return [
+            {"name": n, "rmse_K": float(np.sqrt(np.nanmean(r**2))), "bias_K": float(np.nanmean(r))}
+            for n, r in zip(places.names if places is not None else (), left, strict=False)
+            if np.isfinite(r).any()
+        ]
 
     @property
     def in_sigma(self) -> np.ndarray:
@@ -155,10 +166,13 @@ def words(s: Seeing) -> str:
         line += (
             f"; most at {place}, t = {at.time:.4g} s (repetition {at.repetition}): {at.K:+.2f} K, {at.sigma:+.0f} sigma"
         )
+    if len(s.each_point) > 1:
+        line += "; rms of each point: " + ", ".join(f"{p['name']} {p['rmse_K']:.3g} K" for p in s.each_point)
     if s.shift_refused is not None:
         far = " and ".join(f"{v:.2f}" for v in s.shift_refused)
         line += f"; a shift by {far} px would fit better than the image can be off: not applied"
-    return line if not s.white else f"{line}; no structure left in space or time"
+    plain = s.white and s.chi2_per_dof < SURE
+    return line if not plain else f"{line}; no structure left in space or time"
 
 
 def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None) -> Comparison:

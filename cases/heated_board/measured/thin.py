@@ -26,7 +26,7 @@ def main(source: str) -> None:
     parts = {"0_120": time <= EARLY, "120_600": (time > EARLY) & (time <= FITTED), "600_1200": time > FITTED}
     for name, rows in parts.items():
         _write(f"middle_{name}", "time_s,degC", time[rows & even], T[rows & even][:, [1]])
-        _write(f"stack_{name}", "time_s,degC_5.72mm,degC_11.44mm,degC_17.16mm", time[rows & even], T[rows & even])
+    _write("stack", "time_s,degC_5.72mm,degC_11.44mm,degC_17.16mm", time[even], T[even])
 
 
 def _write(name: str, header: str, time: np.ndarray, values: np.ndarray) -> None:

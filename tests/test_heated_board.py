@@ -1,0 +1,49 @@
+"""The measured board of cases/heated_board: what its commands print, and the cause that discovery names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flashtemp
+from flashtemp.comparison import campaign
+from flashtemp.comparison.compare import compare
+
+BOARD = Path(__file__).parents[1] / "cases" / "heated_board"
+PEERS = (6.2, 6.5, 10.6)  # K rms: best published submissions at 5.72, 11.44, 17.16 mm
+
+
+def test_the_stack_from_the_heater_is_nearer_than_the_best_submissions():
+    """Nothing is fitted to the stack: conductivity is that found between the outer thermocouples."""
+    [seeing] = compare(campaign.load(BOARD / "stack_campaign.toml")).seeings
+    found = [p["rmse_K"] for p in seeing.each_point]
+    assert all(f < p for f, p in zip(found, PEERS, strict=True)), found
+
+
+def test_what_is_left_in_the_first_120_s_is_told():
+    [seeing] = compare(campaign.load(BOARD / "first_120_s.toml")).seeings
+    assert 3.0 < seeing.rmse_K < 6.0
+    assert 7.0 < np.abs(seeing.residual).max() < 9.0
+
+
+def test_no_row_of_the_thinned_copy_is_changed():
+    """Rows of two files that hold the same thermocouple agree, and the face is the hottest of three."""
+    tables = {f.stem: np.genfromtxt(f, delimiter=",", skip_header=1) for f in (BOARD / "measured").glob("*.csv")}
+    stack, face = tables["stack"], tables["face"]
+    both = np.isin(face[:, 0], stack[:, 0])
+    assert np.array_equal(face[both, 1], stack[:, 1])
+    middle = np.vstack([tables[f"middle_{part}"] for part in ("0_120", "120_600", "600_1200")])
+    assert np.array_equal(middle[:, 1], stack[:, 2])
+    assert len(stack) == 121
+
+
+@pytest.mark.long
+def test_discovery_names_the_slope_of_the_conductivity():
+    """120 to 600 s are fitted; 600 to 1200 s, held out, are predicted to 1.2 K rms, by constant k to more than 6 K."""
+    verdict = flashtemp.discover(campaign.load(BOARD), workers=1)
+    assert verdict.kind == "named"
+    assert [c.effect for c in verdict.causes] == ["conductivity_slope"]
+    assert verdict.extended.held_out_rmse_K < 1.2
+    assert verdict.base.held_out_rmse_K > 6.0

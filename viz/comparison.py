@@ -82,7 +82,7 @@ def images(seeing, run=None) -> Figure:
         return point_series.picture(seeing)
     chosen = frames(seeing, run)
     if seeing.view.recording.view == "profile":
-        return _lines(seeing, chosen)
+        return point_series.profile(seeing, chosen)
     r, shown = seeing.view.recording, list(chosen)
     u, v = edges(r.u), edges(r.v)
     across, up = _compared(seeing, u, 1), _compared(seeing, v, 0)
@@ -176,29 +176,6 @@ def _mark(axes, seeing) -> None:
     du, dv = (SPREAD * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
     for ax in axes:
         ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
-
-
-def _lines(seeing, chosen: dict[int, str]) -> Figure:
-    """A profile: curves in degC above their difference in K with the noise of one pixel, against x in mm."""
-    r, shown = seeing.view.recording, list(chosen)
-    x, noise = 1e3 * r.u, np.hypot(seeing.noise.white, seeing.noise.pattern)
-    fig = figure(seeing.view, WIDTH if len(shown) > 1 else theme.NARROW, 4.4)
-    axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
-    for k, above, below in zip(shown, *axes, strict=True):
-        seen = np.where(np.isfinite(seeing.residual[k, 0]), r.temperature[k, 0], np.nan)
-        above.plot(x, seen, "o", color=MEASURED, ms=2.2, mew=0, label="measured")
-        above.plot(x, seeing.predicted[k, 0], color=COMPUTED, label="computed")
-        words = chosen[k].replace("\n", " ")
-        above.set_title(f"repetition {r.repetition[k]}, t = {theme.number(r.time[k])} s\n{words}")
-        against(below, x, seeing.residual[k, 0], np.full(len(x), SURE * noise))
-        below.set_xlabel("x (mm)")
-    off = seeing.residual[shown]
-    axes[1, 0].set_ylim(theme.span(off, [-SURE * noise, SURE * noise], least=1e-6, margin=0.08))
-    axes[0, 0].set_ylabel(f"temperature ({theme.DEGREE})")
-    axes[0, 0].legend()
-    axes[1, 0].set_ylabel("measured −\ncomputed (K)")
-    fig.supxlabel("blue band: noise of one pixel alone, two standard deviations; red: beyond it", fontsize=7.5)
-    return fig
 
 
 # --- along x, z, time and repetition ----------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Thermocouples against time: measured and computed, and their difference with the band of noise."""
+"""Recordings without an image, measured and computed: thermocouples against time, profiles along the block."""
 
 from __future__ import annotations
 
@@ -61,3 +61,26 @@ def _band(ax, time: np.ndarray, seeing) -> None:
     """Two standard deviations of one reading."""
     half = SURE * float(np.hypot(seeing.noise.white, seeing.noise.pattern))
     ax.fill_between([time[0], time[-1]], -half, half, color=BAND, lw=0, zorder=0)
+
+
+def profile(seeing, chosen: dict[int, str]) -> Figure:
+    """A profile: curves in degC above their difference in K with the noise of one pixel, against x in mm."""
+    r, shown = seeing.view.recording, list(chosen)
+    x, noise = 1e3 * r.u, np.hypot(seeing.noise.white, seeing.noise.pattern)
+    fig = figure(seeing.view, WIDTH if len(shown) > 1 else theme.NARROW, 4.4)
+    axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
+    for k, above, below in zip(shown, *axes, strict=True):
+        seen = np.where(np.isfinite(seeing.residual[k, 0]), r.temperature[k, 0], np.nan)
+        above.plot(x, seen, "o", color=MEASURED, ms=2.2, mew=0, label="measured")
+        above.plot(x, seeing.predicted[k, 0], color=COMPUTED, label="computed")
+        words = chosen[k].replace("\n", " ")
+        above.set_title(f"repetition {r.repetition[k]}, t = {theme.number(r.time[k])} s\n{words}")
+        against(below, x, seeing.residual[k, 0], np.full(len(x), SURE * noise))
+        below.set_xlabel("x (mm)")
+    off = seeing.residual[shown]
+    axes[1, 0].set_ylim(theme.span(off, [-SURE * noise, SURE * noise], least=1e-6, margin=0.08))
+    axes[0, 0].set_ylabel(f"temperature ({theme.DEGREE})")
+    axes[0, 0].legend()
+    axes[1, 0].set_ylabel("measured −\ncomputed (K)")
+    fig.supxlabel("blue band: noise of one pixel alone, two standard deviations; red: beyond it", fontsize=7.5)
+    return fig

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.residuals import BAND, SURE, figure, plain
+from flashtemp.viz.residuals import BAND, COMPUTED, MEASURED, SURE, against, figure, plain
 
 COLOURS = ("#2B2B2B", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 WIDTH = 9.6  # inches

@@ -276,7 +276,7 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
             free.append(Pull(str(p), value, value * sd, away[p], _unit(search, p.name)))
         elif p.kind in SHIFTS:
             other.append(Pull(called(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
-        elif p.kind not in (Kind.EFFECT, Kind.MODE):
+        elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR):
             other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 

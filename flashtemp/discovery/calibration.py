@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.discovery.floor import MIDDLE, SIZES
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
 from flashtemp.discovery.nuisances import nuisances
@@ -36,18 +37,25 @@ class Scaled:
     solution: Solution
     priors: Priors
     scale: float
+    floor: float = MIDDLE
 
 
 def solved(
     problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None
 ) -> Scaled:
-    """Nuisances as seen from a point, and `more`, estimated at the scale that has the largest evidence."""
+    """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
     equations = equations or system.total()
-    found = []
-    for scale in SCALES:
-        priors = nuisances(problem, system.names, model, scale) | more
-        found.append(Scaled(system.solve(priors, equations), priors, scale))
-    return max(found, key=lambda f: f.solution.ln_evidence)
+
+    def at(scale: float, floor: float) -> Scaled:
+        priors = nuisances(problem, system.names, model, scale, floor) | more
+        return Scaled(system.solve(priors, equations), priors, scale, floor)
+
+    best = max((at(scale, SIZES[-1]) for scale in SCALES), key=_evident)
+    return max((best, *(at(best.scale, floor) for floor in SIZES[:-1])), key=_evident)
+
+
+def _evident(found: Scaled) -> float:
+    return found.solution.ln_evidence
 
 
 @dataclass(frozen=True)

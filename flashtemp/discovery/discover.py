@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import WEAK, Search, calibrate, explore
 from flashtemp.discovery.verdict import Verdict
+from flashtemp.discovery.visible import gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
@@ -89,6 +90,8 @@ def _verdict(search: Search) -> Verdict:
     shut = assessment.gates(search, final)
     alike = assessment.group(search) if accepted else ()
     kind = _kind(hint is not None, shut, alike, base, extended, bool(accepted))
+    gained = gain(problem, base, extended) if final.model.effects else None
+    kind = gained.allowed(kind) if gained is not None else kind
     if kind in ("none_needed", "unexplained") and not accepted:
         causes, extended = (), base
     separable = separability(search.base, problem.tried)
@@ -115,6 +118,8 @@ def _verdict(search: Search) -> Verdict:
         certificate=_certificate(search),
         assumed=_assumed(search),
         warnings=_warnings(search, final),
+        gain=None if gained is None else asdict(gained),
+        not_named=() if gained is None or kind not in ("weak", "none_needed") else gained.says,
     )
     return replace(verdict, says=wording.says(verdict, problem.case.known))
 

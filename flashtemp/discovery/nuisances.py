@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import View
+from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ALL, SHIFTS, Kind, ParameterId, Priors
 from flashtemp.discovery.prediction import Observable, Single, packed, placed
@@ -23,6 +24,7 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.WALL: 0.01,  # what the wall is cooler than the section behind it
     Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
     Kind.CELL: 0.005,  # gain of the load cell
+    Kind.FLOOR: MIDDLE,  # the model's own error over the rise, 1e-3 to 3e-3 by evidence
 }
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
@@ -35,9 +37,11 @@ PLAIN = frozenset(  # what everybody would calibrate
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
 
 
-def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model, scale: float = 1.0) -> Priors:
+def nuisances(
+    problem: Problem, names: Iterable[ParameterId], model: Model, scale: float = 1.0, floor: float = MIDDLE
+) -> Priors:
     """(mean, standard deviation) of everything that calibration may move, seen from a point; `scale` of what is
-    small and unknown in shape."""
+    small and unknown in shape, `floor` of the model's own error over the rise."""
     out: Priors = {}
     free = problem.priors
     known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
@@ -51,6 +55,8 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model, scal
             out[p] = (0.0, places[p])
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, scale * MODE / p.index[0])
+        elif p.kind is Kind.FLOOR:
+            out[p] = (0.0, floor)
         elif p.kind in GROUPS:
             out[p] = (0.0, GROUPS[p.kind] * (min(scale, MOST) if p.kind in LARGER else 1.0))
     return out

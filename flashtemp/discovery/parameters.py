@@ -26,11 +26,12 @@ class Kind(StrEnum):
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
     WALL = "wall"  # cooling of the wall against the section behind it
+    FLOOR = "floor"  # smooth relative error of the model itself in a recording
     CELL = "cell"  # gain of the load cell, relative
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL})
+OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 

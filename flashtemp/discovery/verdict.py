@@ -164,6 +164,8 @@ class Verdict(Shown):
     assumed: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    gain: dict[str, Any] | None = None  # what the extension changes in kelvin: `visible.Gain`
+    not_named: tuple[str, ...] = ()  # why a cause that the evidence asks for is not named
 
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""
@@ -191,6 +193,7 @@ class Verdict(Shown):
             "certificate": self.certificate,
             "assumed": self.assumed,
             "recordings": {"before": [s.as_dict() for s in self.before], "after": [s.as_dict() for s in self.after]},
+            "gain": self.gain,
             "warnings": list(self.warnings),
             "report": "report.html",
             "extended_case": "extended.toml" if self.causes else None,

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import levels, scatter
 from flashtemp.comparison.noise import Noise, noise, whiten
+from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.linear_gaussian import Array, Block
 from flashtemp.discovery.nuisances import smooth_images
 from flashtemp.discovery.parameters import Kind, ParameterId
@@ -55,7 +56,7 @@ class Data:
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED}
                 own |= _mesh(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, View):
-                    own |= smooth_images(entry, seen)
+                    own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
                     if entry.file not in known:
                         known[entry.file] = _noise(entry, seen)
                 else:

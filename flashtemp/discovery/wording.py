@@ -15,7 +15,8 @@ CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
-    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.PLACE: "place of a point of",
+    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.FLOOR: "the model's own error in",
+    Kind.PLACE: "place of a point of",
 }  # fmt: skip
 
 
@@ -32,7 +33,7 @@ def called(p: ParameterId) -> str:
 
 def says(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     """A whole verdict in sentences; `known` effects by name."""
-    lines = [*_what(v, known), *_gain(v)]
+    lines = [*_what(v, known), *v.not_named, *_gain(v)]
     rival = next((r for r in v.rivals if r.left is not None and r.score > WEAK), None)
     if v.kind == "named" and rival is not None:
         lines.append(f"The best rival, {rival.effect}, leaves ln Bayes factor {rival.left:.0f}.")
@@ -50,7 +51,8 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
         return [f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} against the model without it." for c in v.causes]
     if v.kind == "weak":
         c = v.causes[0]
-        return [f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}; {NAMED:g} names a cause."]
+        needed = f"; {NAMED:g} names a cause" if c.ln_bayes < NAMED else ""
+        return [f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}{needed}."]
     if v.kind == "group":
         words = " or ".join(f"{known[e].cause} ({e})" for e in v.group)
         return [f"Something is missing, and these data cannot tell which of these it is: {words}."]
@@ -74,9 +76,11 @@ def _gain(v: Verdict) -> list[str]:
     """What the extension gains."""
     if v.extended is None or v.base is None:
         return []
+    seen = v.gain or {}
+    changes = f"it changes {seen['file']} by {1e3 * seen['changed_K']:.3g} mK rms, calibrated again; " if seen else ""
     return [
-        f"With it, chi2/dof goes from {v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}; data left out "
-        f"are predicted to {v.extended.held_out_z:.3g} sigma instead of {v.base.held_out_z:.3g}."
+        f"With it, {changes}chi2/dof goes from {v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}; data left "
+        f"out are predicted to {v.extended.held_out_z:.3g} sigma instead of {v.base.held_out_z:.3g}."
     ]
 
 

@@ -1,0 +1,154 @@
+"""Blind benchmark of `discover` on campaigns of the independent laboratory in tests/truth, counted honestly.
+
+    python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
+    python benchmarks/independent.py table found.jsonl
+
+Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
+opened after the verdict.  Seeds from 5000 on were used for no threshold.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter, defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+TYPICAL = {  # parameter that is drawn, and a size that nobody would miss
+    "pressure_tilt": ("a", 0.3), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
+    "conductivity_slope": ("block", 0.008), "ambient_drift": ("rate", 0.01), "conductance_speed": ("resistance", 2e-5),
+    "interface_resistance": ("resistance", 2e-5), "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0),
+    "track_memory": ("strength", 1.0), "time_lag": ("lag", 0.15),
+}  # fmt: skip
+FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws that the catalogue does not hold
+LABORATORY = {"larger": 0.025, "turned": 0.035, "length": 6e-4, "mirrored": True}  # errors beyond what is usual
+KINDS = {"null": 0.3, "single": 0.45, "foreign": 0.125, "laboratory": 0.125}
+BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
+
+
+def draw(seed: int) -> dict:
+    """What is hidden under a seed."""
+    rng = np.random.default_rng([seed, 177])
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    pool: dict = {"null": {}, "single": TYPICAL, "foreign": FOREIGN, "laboratory": LABORATORY}[kind]
+    name = str(rng.choice(sorted(pool))) if pool else ""
+    size = float(np.exp(rng.uniform(np.log(0.08), np.log(1.5))))
+    return {"seed": seed, "kind": kind, "hidden": name, "size": size}
+
+
+def one(seed: int) -> dict:
+    """Make a campaign, discover, then open the truth."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    plan, began = draw(seed), time.process_time()
+    name, kind = plan["hidden"], plan["kind"]
+    hidden = {name: plan["size"] * TYPICAL[name][1]} if kind == "single" else {}
+    hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
+    beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
+    with tempfile.TemporaryDirectory() as folder:
+        truth = laboratory.campaign(folder, hidden, seed, beyond=beyond)
+        made = time.process_time() - began
+        loaded = replace(campaign.load(folder), candidates=tuple(TYPICAL))
+        verdict, search = discover.discover(loaded, workers=1)
+    found = _record(verdict, search, plan, hidden)
+    return (
+        plan
+        | {"true": hidden, "made_s": made, "cpu_s": time.process_time() - began}
+        | found
+        | {"drawn": truth["drawn"]}
+    )
+
+
+def _record(verdict, search, plan: dict, hidden: dict) -> dict:
+    """Numbers that the tables need; z of the hidden effect from its trace and its true size."""
+    z = 0.0
+    for s in search.ranking[0] if search.ranking else ():
+        if s.effect in hidden:
+            z = abs(hidden[s.effect] / s.candidate.first[1]) * s.seen
+    causes = [
+        {"effect": c.effect, "ln_bayes": c.ln_bayes, "laboratory": bool(getattr(c, "laboratory", False)),
+         "parameters": {p.name: [p.value, p.stderr, *p.ci95] for p in c.parameters}}
+        for c in verdict.causes
+    ]  # fmt: skip
+    return {
+        "verdict": verdict.kind, "causes": causes, "group": list(verdict.group), "z": z, "says": list(verdict.says),
+        "best": [(r.effect, r.score) for r in verdict.rivals[:3]], "gain": verdict.gain,
+        "gates": {k: [float(v), limit] for k, (v, limit) in verdict.gates.items() if v > limit},
+    }  # fmt: skip
+
+
+def run(first: int, last: int, file: Path) -> None:
+    """All seeds first..last-1 that the file does not hold yet, one after the other."""
+    done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
+    for seed in range(first, last):
+        if seed in done:
+            continue
+        try:
+            found = one(seed)
+        except Exception:  # a failure is a result too
+            found = draw(seed) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+        with file.open("a") as out:
+            out.write(json.dumps(found, default=float) + "\n")
+        named = [c["effect"] for c in found.get("causes", [])]
+        print(seed, found["kind"], found["hidden"], f"{found.get('z', 0):.1f}", "->", found["verdict"], named,
+              found.get("group"), f"{found.get('cpu_s', 0):.0f} s", flush=True)  # fmt: skip
+
+
+# --- tables ----------------------------------------------------------------------------------------------
+def outcome(r: dict) -> str:
+    """right, extra, wrong, group, weak, weak wrong, laboratory, or the verdict itself."""
+    physics = {c["effect"] for c in r.get("causes", []) if not c["laboratory"]}
+    truth = {r["hidden"]} if r["kind"] == "single" else set()
+    if r["verdict"] == "weak":
+        return "weak" if physics <= truth else "weak wrong"
+    if r["verdict"] == "group":
+        return "group" if truth & set(r["group"]) else "wrong"
+    if r["verdict"] != "named":
+        return r["verdict"]
+    if not physics:
+        return "laboratory"
+    return "right" if physics == truth else "extra" if physics > truth else "wrong"
+
+
+def table(file: Path) -> None:
+    """Counts by kind, and of singles by z; coverage of the intervals of what was named rightly."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    print(f"{len(rows)} campaigns, {np.mean([r.get('cpu_s', 0) for r in rows]):.0f} s of CPU each")
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for r in rows:
+        label = r["kind"]
+        if label == "single":
+            low, high = next(b for b in BINS if b[0] <= r.get("z", 0.0) < b[1])
+            label = f"one effect, z {low} to {high}"
+        counts[label][outcome(r)] += 1
+    heads = sorted({o for c in counts.values() for o in c})
+    print("| hidden | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|")
+    for label in sorted(counts):
+        print(f"| {label} | {counts[label].total()} | " + " | ".join(str(counts[label][o]) for o in heads) + " |")
+    inside, total = 0, 0
+    for r in rows:
+        if r["kind"] == "single" and outcome(r) in ("right", "extra", "weak"):
+            name = f"{r['hidden']}.{TYPICAL[r['hidden']][0]}"
+            for c in r["causes"]:
+                if name in c["parameters"]:
+                    _, _, low, high = c["parameters"][name]
+                    inside, total = inside + (low <= r["true"][r["hidden"]] <= high), total + 1
+    print(f"95 % intervals hold the truth in {inside} of {total}")
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "run":
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    else:
+        table(Path(sys.argv[2]))

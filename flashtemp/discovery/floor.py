@@ -1,0 +1,69 @@
+"""A floor for the model's own error: smooth relative deviations of every view in space and time, of unknown size.
+
+No mesh and no closure is right to a thousandth of the rise, and a camera's 1e5 values would make a cause of every
+millikelvin that they share.  What is as smooth and as small as such an error is therefore no evidence.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import Observable, Single, packed
+
+LEAST, LARGEST = (
+    1e-3,
+    3e-3,
+)  # of the rise, rms over a view: what discretisation and closures state (docs/verification.md)
+SIZES = (LEAST, LARGEST)  # one is chosen by evidence under every hypothesis
+ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
+MIDDLE = 2e-3  # by which pulls are judged
+
+
+def smooth_errors(view: View, seen: Observable) -> dict[ParameterId, Single]:
+    """Columns of a view: products of half waves along and up the image, in a repetition and over all, times the rise.
+
+    Each is weighted so that a prior of one size for all is an error of that size (rms, relative), less for finer ones.
+    """
+    r = view.recording
+    if r.places is not None:
+        return {}
+    rise = seen.values - (r.reflected_degC if r.reflected_degC is not None else float(np.nanmin(seen.values)))
+    x, y = _waves(_unit(r.u)), _waves(_unit(r.v))
+    inside, between = (_waves(t) for t in _times(r))
+    up = r.view == "sidewall"
+    found = [k for k in product(range(ORDER + 1), repeat=4) if sum(k) <= ORDER and (up or not k[1])]
+    found = [(m, n, q, s) for m, n, q, s in found if (not q or np.ptp(inside[1])) and (not s or np.ptp(between[1]))]
+    weight = np.array([1.0 / (1.0 + sum(k)) for k in found])
+    square = [np.mean(x[m] ** 2) * np.mean(y[n] ** 2) * np.mean((inside[q] * between[s]) ** 2) for m, n, q, s in found]
+    weight /= np.sqrt(np.sum(weight**2 * square))
+    out = {}
+    for (m, n, q, s), w in zip(found, weight, strict=True):
+        wave = (w * inside[q] * between[s])[:, None, None] * y[n][:, None] * x[m]
+        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = packed(rise * wave, seen.inside)
+    return out
+
+
+def _times(r: Recording) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Where every frame stands in its repetition, and this among all, from 0 to 1."""
+    inside = np.zeros(r.frames)
+    for number in np.unique(r.repetition):
+        own = r.repetition == number
+        inside[own] = _unit(r.time[own])
+    return inside, _unit(r.repetition.astype(float))
+
+
+def _unit(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Values from 0 to 1, all 0 where they are the same."""
+    values = np.asarray(values, float)
+    out: npt.NDArray[np.float64] = (values - values[0]) / max(float(values[-1] - values[0]), 1e-12)
+    return out
+
+
+def _waves(t: npt.NDArray[np.float64]) -> list[npt.NDArray[np.float64]]:
+    return [np.cos(m * np.pi * t) for m in range(ORDER + 1)]

@@ -1,0 +1,96 @@
+"""Whether a cause can be seen: what it changes in kelvin after recalibration, and what of it is above the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.comparison.compare import Seeing
+from flashtemp.discovery.assessment import Assessed
+from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.floor import LARGEST, LEAST
+from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.search import NAMED
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an extension is worth: `changed_K` rms of what it changes in the recording of which it changes the largest
+    `share` of the rise, both models calibrated; `beyond_floor` its ln Bayes factor where the model's own error is as
+    large as it may be; `left_out_K` before and after, of data that were left out."""
+
+    file: str
+    changed_K: float
+    share: float
+    beyond_floor: float
+    left_out_K: tuple[float, float]
+    causes: int
+
+    @property
+    def visible(self) -> bool:
+        return self.share >= LEAST
+
+    @property
+    def above(self) -> bool:
+        """Whether more of its signal survives than the model's own error could make."""
+        return self.beyond_floor > NAMED * self.causes
+
+    @property
+    def predicts(self) -> bool:
+        """Whether data left out are no farther from it in kelvin."""
+        before, after = self.left_out_K
+        return not after > before
+
+    @property
+    def says(self) -> tuple[str, ...]:
+        """Why no cause is named that the evidence asks for."""
+        out = []
+        if not self.visible:
+            out.append(
+                f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, "
+                f"{100 * self.share:.2g} % of the rise: less than the {100 * LEAST:.2g} % that a model errs by."
+            )
+        elif not self.above:
+            out.append(
+                f"A smooth error of the model of {100 * LARGEST:.2g} % of the rise would explain it as well: with it "
+                f"the ln Bayes factor is {self.beyond_floor:.1f}."
+            )
+        if not self.predicts:
+            before, after = self.left_out_K
+            out.append(f"Data left out are predicted to {after:.4g} K instead of {before:.4g} K: no better.")
+        return tuple(out)
+
+    def allowed(self, kind: str) -> str:
+        """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is not."""
+        if kind in ("named", "group") and not (self.visible and self.above and self.predicts):
+            return "weak"
+        return "none_needed" if kind == "weak" and not self.visible else kind
+
+
+def gain(problem: Problem, base: Assessed, extended: Assessed) -> Gain:
+    """What the extended model gains over the base."""
+    changes = [_change(b, e) for b, e in zip(base.seeings, extended.seeings, strict=True)]
+    file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
+    beyond = _at_largest(problem, extended.fit) - _at_largest(problem, base.fit)
+    left = base.left_out.rmse_K, extended.left_out.rmse_K
+    return Gain(file, changed, share, beyond, left, len(extended.fit.model.effects))
+
+
+def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
+    """File, rms change (K) and its share of the rms rise of one recording."""
+    here = np.isfinite(base.residual) & np.isfinite(extended.residual)
+    r = base.view.recording
+    if not here.any():
+        return base.view.file, 0.0, 0.0
+    low = float(np.nanmin(base.predicted)) if r.reflected_degC is None else r.reflected_degC
+    changed = float(np.sqrt(np.mean((extended.predicted - base.predicted)[here] ** 2)))
+    return base.view.file, changed, changed / max(float(np.sqrt(np.mean((base.predicted - low)[here] ** 2))), 1e-9)
+
+
+def _at_largest(problem: Problem, fit: Fit) -> float:
+    """ln evidence of a fit where the model's own error may be as large as it ever is."""
+    held = {p: v for p, v in fit.effects.items() if p not in fit.bound}
+    priors = nuisances(problem, fit.system.names, fit.model, fit.scale, LARGEST) | held
+    return fit.system.solve(priors).ln_evidence

@@ -1,0 +1,90 @@
+"""The floor for the model's own error: smooth errors of a thousandth are no evidence, causes above them still are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from truth import laboratory
+from truth.laboratory import Errors, Programme
+
+from flashtemp.camera.recording import Recording
+from flashtemp.camera.recording import load as recording
+from flashtemp.comparison import campaign
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery import floor
+from flashtemp.discovery.discover import discover
+from flashtemp.discovery.prediction import Observable
+from flashtemp.discovery.visible import Gain
+
+TRIED = ("friction_softening", "interface_resistance")
+SMALL = Programme(0.4, wait=4.0, columns=50, mesh=0.5)
+
+
+def seen(view, frames=6, nv=20, nu=30):
+    """A recording of 20 K over 20 degC, the same everywhere, and its prediction."""
+    T = np.full((frames, nv, nu), laboratory.AIR + 20.0)
+    made = Recording(
+        view, T, np.arange(frames, dtype=float), 1 + np.arange(frames) // 3, np.linspace(0.0, 0.02, nu),
+        np.linspace(0.0, 5e-3, nv), reflected_degC=laboratory.AIR,
+    )  # fmt: skip
+    return View("a.nc", made), Observable(T, np.full((nv, nu), True), {})
+
+
+@pytest.mark.parametrize("view", ["sidewall", "wake"])
+def test_a_prior_of_one_size_is_an_error_of_that_size(view):
+    """Monte Carlo of 400 draws: rms over a view relative to its rise, within what so many draws scatter."""
+    columns = floor.smooth_errors(*seen(view))
+    C = np.stack([c.ravel() for c in columns.values()], axis=1) / 20.0
+    rng = np.random.default_rng(3)
+    drawn = C @ rng.normal(size=(C.shape[1], 400)) * floor.LARGEST
+    assert np.sqrt(np.mean(drawn**2)) == pytest.approx(floor.LARGEST, rel=0.1)
+
+
+def test_a_wake_has_one_smooth_error_across_its_width():
+    columns = floor.smooth_errors(*seen("wake"))
+    assert all(p.index[1] == 0 for p in columns)
+
+
+def test_gain_names_only_what_is_seen():
+    good = Gain("a.nc", 0.05, 0.01, 50.0, (0.06, 0.055), 1)
+    assert good.allowed("named") == "named"
+    assert good.says == ()
+    for bad in (replace(good, share=5e-4), replace(good, beyond_floor=7.0), replace(good, left_out_K=(0.06, 0.061))):
+        assert bad.allowed("named") == "weak"
+        assert len(bad.says) == 1
+        assert bad.allowed("unexplained") == "unexplained"
+    assert replace(good, share=5e-4).allowed("weak") == "none_needed"
+
+
+@pytest.fixture(scope="module")
+def null(tmp_path_factory):
+    """A laboratory without errors; the wake's frames at the start of a repetition are off by 30 mK of 4 K."""
+    folder = tmp_path_factory.mktemp("null")
+    laboratory.campaign(folder, {}, 1, Errors(size=0.0), SMALL)
+    for file in folder.glob("*wake.nc"):
+        r = recording(file)
+        off = 0.03 * np.linspace(1.0, 0.0, len(r.u)) * (np.abs(r.v) < 0.025)[:, None]
+        first = np.array([k == 0 or r.repetition[k] != r.repetition[k - 1] for k in range(r.frames)])
+        replace(r, temperature=r.temperature + off * first[:, None, None]).save(file)
+    return folder
+
+
+@pytest.mark.long
+def test_a_smooth_error_of_thirty_millikelvin_is_no_cause(null):
+    """Without the floor `friction_softening` is named with ln Bayes factors of 10 to 40."""
+    found, _ = discover(replace(campaign.load(null), candidates=TRIED), workers=1)
+    assert found.kind in ("none_needed", "weak"), str(found)
+
+
+@pytest.mark.long
+def test_a_cause_above_the_floor_is_named_and_its_interval_holds(tmp_path):
+    laboratory.campaign(tmp_path, {"friction_softening": 0.006}, 7, Errors(size=0.0), SMALL)
+    found, _ = discover(replace(campaign.load(tmp_path), candidates=TRIED), workers=1)
+    assert found.kind == "named", str(found)
+    [cause] = found.causes
+    low, high = cause.parameters[0].ci95
+    assert cause.effect == "friction_softening"
+    assert low < 0.006 < high
+    assert found.gain["changed_K"] > 0.01

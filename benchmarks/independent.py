@@ -38,7 +38,8 @@ def draw(seed: int) -> dict:
     """What is hidden under a seed."""
     rng = np.random.default_rng([seed, 177])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    pool: dict = {"null": {}, "single": TYPICAL, "foreign": FOREIGN, "laboratory": LABORATORY}[kind]
+    pools: dict = {"null": {}, "single": TYPICAL, "foreign": FOREIGN, "laboratory": LABORATORY}
+    pool = pools[kind]
     name = str(rng.choice(sorted(pool))) if pool else ""
     size = float(np.exp(rng.uniform(np.log(0.08), np.log(1.5))))
     return {"seed": seed, "kind": kind, "hidden": name, "size": size}

@@ -143,12 +143,14 @@ def twin(
     conditions: int = 4,
     views: Sequence[str] = ("sidewall", "wake"),
     nuisance: float = 1.0,
+    points: Sequence[dict[str, Any]] = (),
     say: Say = silent,
 ) -> Twin:
     """A synthetic campaign in the new folder `out`, with effects that are hidden from the case that is believed.
 
-    `hide` names of effects, `views` some of sidewall, wake and profile, `nuisance` scales all that is drawn within
-    what a laboratory knows.  Raises BadInput, SolverFailure.
+    `hide` names of effects, `views` some of sidewall, wake, profile and points, `points` tables of x, z (m), lag_s and
+    place_sigma_m of thermocouples, `nuisance` scales all that is drawn within what a laboratory knows.  Raises
+    BadInput, SolverFailure.
     """
-    asked = twins.Plan(tuple(hide), seed, conditions, tuple(views), nuisance=nuisance)
+    asked = twins.Plan(tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points))
     return Twin(twins.twin(case_of(case, overrides), asked, Path(out), say), seed, conditions)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
 from flashtemp.model.case import Case
 
@@ -36,3 +37,23 @@ def case_of(case: str | Path | Case, overrides: Overrides | None = None) -> Case
     if not isinstance(case, Case):
         return load(case, overrides)
     return case.with_values(overrides) if overrides else case
+
+
+def points(text: str) -> list[dict[str, Any]]:
+    """Places of thermocouples as typed, `x=0.01,z=0.002;z=0.004`, as tables.  Raises BadInput.
+
+    >>> points("x=0.01, z=0.002; z=4e-3"), points("")
+    ([{'x': 0.01, 'z': 0.002}, {'z': 0.004}], [])
+    """
+    out: list[dict[str, Any]] = []
+    for part in text.split(";") if text.strip() else ():
+        row: dict[str, Any] = {}
+        for item in part.split(","):
+            key, _, value = (v.strip() for v in item.partition("="))
+            try:
+                row[key] = value if key == "name" else float(value)
+            except ValueError:
+                said = "write x=0.01,z=0.002 in m, ; between points"
+                raise BadInput(f"--points: {item.strip()!r}; {said}") from None
+        out.append(row)
+    return out

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.observation import Instrument, observe
+from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.physics.quantities import KELVIN
 
@@ -21,12 +22,16 @@ FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behi
 
 @dataclass(frozen=True)
 class Faults:
-    """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity."""
+    """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity.
+
+    Of points: how far (m) each lies from where it is said to be, up the block.
+    """
 
     shift: tuple[float, float]
     pattern_K: float
     emissivity: float
     psf_sigma_px: float
+    astray: tuple[float, ...] = ()
 
 
 def blank(view: str, scene, times, repetition, netd: float) -> Recording:
@@ -51,8 +56,20 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
     )  # fmt: skip
 
 
+def blank_points(places: Places, scene, times, repetition, netd: float) -> Recording:
+    """An empty recording of thermocouples."""
+    frames = np.full((len(times), 1, len(places)), scene.ambient - KELVIN)
+    return Recording(
+        "points", frames, np.asarray(times), np.asarray(repetition), np.arange(len(places), dtype=float), np.zeros(1),
+        netd_K=netd, source="synthetic", places=places,
+    )  # fmt: skip
+
+
 def draw(recording: Recording, rng, nuisance: float) -> Faults:
     """Faults of a recording; `nuisance` scales all but the fixed pattern."""
+    if recording.places is not None:
+        sd = nuisance * recording.places.place_sigma_m
+        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple((sd * rng.normal(size=len(sd))).tolist()))
     known = recording.registration_sigma_px or 0.0
     along, up = (float(s) for s in nuisance * known * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
@@ -67,6 +84,12 @@ def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 
 
     The camera turns radiance back with the emissivity it was told, whatever the true one.
     """
+    if recording.places is not None:
+        true = recording.places
+        for i, off in enumerate(faults.astray):
+            true = true.moved("z", float(np.clip(true.z[i] + off, 0.0, scene.height) - true.z[i]), i)
+        T = observe(run, scene, replace(recording, places=true), scene.acting).temperature
+        return replace(recording, temperature=T + (recording.netd_K or 0.0) * rng.normal(size=T.shape))
     change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
     told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)
     seen = observe(run, scene, told, scene.acting, faults.shift, change)
@@ -95,4 +118,4 @@ def moments(schedule, sliding: int, waiting: int) -> tuple[np.ndarray, np.ndarra
 
 def shown(recording: Recording, acting) -> np.ndarray:
     """Times (frames,) in s that the frames show."""
-    return Instrument(recording, acting).times()
+    return Instrument(recording, acting).asked()

@@ -106,6 +106,7 @@ def twin(
     conditions: int = 4,
     views: str = "sidewall,wake",
     nuisance: float = 1.0,
+    points: str = "",
     trust: Trust = False,
     json: Json = False,
 ) -> int:
@@ -126,9 +127,11 @@ def twin(
     conditions
         How many of the four conditions (two pressures, two speeds) are measured.
     views
-        What is seen: some of sidewall, wake, profile.
+        What is seen: some of sidewall, wake, profile, points.
     nuisance
         Scale of all that is drawn within what a laboratory knows; 0 leaves noise only.
+    points
+        Thermocouples of the view of points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, with ; between them.
     """
     from flashtemp.api import campaigns, inputs
 
@@ -140,6 +143,7 @@ def twin(
         conditions=conditions,
         views=[view.strip() for view in views.split(",")],
         nuisance=nuisance,
+        points=inputs.points(points),
         say=teller(json),
     )
     emit(made.as_dict(), json, str(made))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.camera import point_tables, recording, synthetic
+from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
@@ -17,6 +18,7 @@ from flashtemp.physics.interpolation import pairs
 from flashtemp.showing import Sheet, Shown
 
 NETD = 0.05  # K, of a camera that is imagined
+READ = 40  # times that imagined thermocouples are read per repetition
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
 ENTRY = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
@@ -230,8 +232,8 @@ class _Reader:
 
     def view(self, entry: dict[str, Any], number: int, under: Under | None) -> View | None:
         imagined = self.planned and "view" in entry and "file" not in entry
-        if imagined and entry["view"] not in synthetic.FACES:
-            known = ", ".join(synthetic.FACES)
+        if imagined and entry["view"] not in synthetic.FACES and not ("points" in entry and entry["view"] == "points"):
+            known = ", ".join(synthetic.FACES) + ", or points with their places"
             self.fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}")
             return None
         sound = self._file(entry, "recording", number) if not imagined else True
@@ -241,7 +243,11 @@ class _Reader:
         if imagined:
             if under is None:
                 return None
-            taken = _imagined(entry["view"], under(given))
+            try:
+                taken = _imagined(entry, under(given), f"recording {number}")
+            except BadInput as fault:
+                self.faults.extend(f"{self.where('recording')}: {line}" for line in fault.lines)
+                return None
             return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
         try:
             if "points" not in entry:
@@ -301,7 +307,10 @@ class _Reader:
         return len(self.faults) == before
 
 
-def _imagined(view: str, case: cases.Case) -> Recording:
-    """What a camera would take of a condition: four frames of every sliding, one of every wait."""
+def _imagined(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:
+    """What a camera would take of a condition: four frames of every sliding, one of every wait; of points, more."""
     scene = case.scene
-    return synthetic.blank(view, scene, *synthetic.moments(scene.schedule, 4, 1), NETD)
+    if entry["view"] == "points":
+        places = of_rows(entry["points"], f"{key}: points")
+        return synthetic.blank_points(places, scene, *synthetic.moments(scene.schedule, READ, 4), NETD)
+    return synthetic.blank(entry["view"], scene, *synthetic.moments(scene.schedule, 4, 1), NETD)

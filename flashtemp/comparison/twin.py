@@ -16,6 +16,7 @@ import numpy as np
 
 from flashtemp.camera import synthetic
 from flashtemp.camera.observation import ABOVE, WAKE
+from flashtemp.camera.points import of_rows
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
@@ -32,6 +33,8 @@ KNOWN = {  # how well a laboratory knows what it may calibrate: relative standar
     "contact.spot_fraction": 0.05,
     "ambient.convection": 0.2,
 }
+ALONE = 0.1  # of free keys where nothing slides
+READ = 60  # times that thermocouples are read per repetition
 JITTER = 0.02  # of friction, from run to run
 CONDITIONS = ((1.0, 1.0), (0.5, 1.0), (1.0, 3.0), (0.5, 3.0))  # factors on contact.pressure and schedule.speed
 SEALED = "sealed/truth.json"
@@ -42,6 +45,7 @@ class Plan:
     """What a twin is made of: names of `hidden` effects, `seed`, number of `conditions`, `views` and frames.
 
     `nuisance` scales everything that is drawn within what is known: 0 leaves noise, pattern and dead pixels.
+    `points` of the view of that name: tables of x, z, lag_s and place_sigma_m as in campaign.toml.
     """
 
     hidden: tuple[str, ...]
@@ -51,6 +55,7 @@ class Plan:
     sliding: int = 4
     waiting: int = 1
     nuisance: float = 1.0
+    points: tuple[dict[str, Any], ...] = ()
 
 
 def twin(case: Case, plan: Plan, out, watch: Callable[[str], Any] = lambda text: None) -> Path:
@@ -78,6 +83,10 @@ def _check(case: Case, plan: Plan) -> None:
     """BadInput for a plan that cannot be carried out with this case."""
     _check_hidden(case, plan)
     _check_views(plan)
+    if case["schedule.alone"] and plan.views != ("points",):
+        raise BadInput(f"--views: {','.join(plan.views)}; nothing slides (schedule.alone), give points and --points")
+    if case["schedule.alone"] and plan.conditions != 1:
+        raise BadInput(f"--conditions: {plan.conditions}; nothing slides (schedule.alone), give 1")
     if plan.seed < 0:
         raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
     if not 0 <= plan.nuisance <= 3:
@@ -103,8 +112,12 @@ def _check_views(plan: Plan) -> None:
     if len(set(plan.views)) < len(plan.views):
         raise BadInput(f"--views: {','.join(plan.views)}: a view is named twice; once is enough")
     for view in plan.views:
-        if view not in synthetic.FACES:
-            raise BadInput(f"--views: {view!r}; give some of {', '.join(synthetic.FACES)}")
+        if view not in (*synthetic.FACES, "points"):
+            raise BadInput(f"--views: {view!r}; give some of {', '.join(synthetic.FACES)}, points")
+    if ("points" in plan.views) != bool(plan.points):
+        raise BadInput("--points: places and the view of points belong together; give both, for example x=0.01,z=0.002")
+    if plan.points:
+        of_rows(list(plan.points), "--points")
 
 
 def _write(case: Case, plan: Plan, work: Path, watch) -> None:
@@ -115,7 +128,8 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
     believed = replace(believed, values={t: v for t, v in case.values.items() if t not in plan.hidden})
     (work / "case.toml").write_text(believed.toml(believed.copy_files(work)), encoding="utf-8")
     strengths = {name: strength(name, case, rng) for name in plan.hidden}
-    drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in KNOWN.items()}
+    known = {k: ALONE for k in case.free if not k.startswith("friction.")} if case["schedule.alone"] else KNOWN
+    drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in known.items()}
     fastest = max(f for _, f in CONDITIONS[: plan.conditions]) * case["schedule.speed"]
     numerics = discretisation(case.with_values({"schedule.speed": fastest}), rng)
     truth: dict[str, Any] = {
@@ -134,7 +148,8 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
         watch(f"condition {number} of {plan.conditions}: {', '.join(f'{k} = {v:g}' for k, v in given.items())}")
         jitter = 1.0 + plan.nuisance * JITTER * float(rng.normal())
         own = {k: _within(k, case[k] * f) for k, f in drawn.items()}
-        own["friction.mu"] *= jitter
+        if "friction.mu" in own:
+            own["friction.mu"] *= jitter
         values = {f"{name}.{k}": v for name, p in strengths.items() for k, v in p.items()}
         made = _truth(case, plan, given | own | numerics | values)
         name = f"condition{number}"
@@ -145,7 +160,7 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
             sigma = {"sigma": FORCE} if kind == "force" else {"sigma_K": NETD}
             entries[kind].append({"file": file, "with": given, **sigma})
     head = {
-        "title": f"synthetic campaign of {case.name}", "case": "case.toml", "free": list(KNOWN),
+        "title": f"synthetic campaign of {case.name}", "case": "case.toml", "free": list(known),
     }  # fmt: skip
     (work / "campaign.toml").write_text(tomli_w.dumps(head | entries), encoding="utf-8")
     (work / SEALED).parent.mkdir()
@@ -157,7 +172,7 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
 
 def _within(key: str, value: float) -> float:
     """A drawn value kept within the bounds of its key."""
-    table, name = key.split(".")
+    table, name = key.rsplit(".", 1)
     param = declared(table)[name]
     return float(np.clip(value, param.low, param.high))
 
@@ -195,8 +210,8 @@ def discretisation(case: Case, rng) -> dict[str, Any]:
 def _truth(case: Case, plan: Plan, given: dict[str, Any]) -> Case:
     """The case with its hidden effects, drawn parameters and own discretisation."""
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
-    behind = max((synthetic.FACES[v][2] or 0.0) for v in plan.views)
-    seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3), "numerics.behind": WAKE,
+    behind = max((synthetic.FACES[v][2] or 0.0) if v in synthetic.FACES else 0.0 for v in plan.views)
+    seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3 if behind else 0.0), "numerics.behind": WAKE,
             "numerics.above": ABOVE}  # fmt: skip
     return case.with_values(given | seen | {"effects": effects})
 
@@ -205,7 +220,10 @@ def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list
     """March the truth of one condition and write what a laboratory measured of it."""
     scene = made.scene
     times, repetition = synthetic.moments(scene.schedule, plan.sliding, plan.waiting)
-    blanks = {view: synthetic.blank(view, scene, times, repetition, NETD) for view in plan.views}
+    blanks = {view: synthetic.blank(view, scene, times, repetition, NETD) for view in plan.views if view != "points"}
+    if plan.points:
+        often = synthetic.moments(scene.schedule, READ, plan.waiting)
+        blanks["points"] = synthetic.blank_points(of_rows(list(plan.points)), scene, *often, NETD)
     asked = {float(t) for r in blanks.values() for t in synthetic.shown(r, scene.acting)}
     inside = tuple(sorted(t for t in asked if 0.0 <= t <= scene.schedule.end))
     run = march(scene, replace(made.settings, times=inside, fields=2), made.title)
@@ -216,6 +234,8 @@ def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list
         synthetic.expose(run, scene, recording, own, rng).save(work / f"{name}_{view}.nc")
         files.append(f"{name}_{view}.nc")
     on = run.sliding & np.isfinite(run.friction)
+    if not on.any():  # the block is alone
+        return files, faults
     t = np.linspace(0.0, scene.schedule.end, 200)
     t = t[np.interp(t, run.time, run.sliding.astype(float)) > 0.99]
     mu = np.interp(t, run.time[on], run.friction[on]) + FORCE * rng.normal(size=len(t))

@@ -15,7 +15,9 @@ import numpy as np
 
 from flashtemp.camera import synthetic
 from flashtemp.comparison.campaign import Condition, View
+from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
+from flashtemp.discovery import sensor_places
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
@@ -79,6 +81,7 @@ class Outlook(Shown):
     prospects: tuple[Prospect, ...]
     separability: Separability
     experiments: tuple[Experiment, ...]
+    sensors: tuple[Experiment, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json and plan.json."""
@@ -87,6 +90,7 @@ class Outlook(Shown):
             "effects": [vars(p) | {"separable": p.separable} for p in self.prospects],
             "separability": {"effects": list(self.separability.names), "rho": self.separability.rho.tolist()},
             "experiments": [vars(e) for e in self.experiments],
+            "sensors": [vars(e) for e in self.sensors],
         }
 
     def sheet(self) -> Sheet:
@@ -96,6 +100,7 @@ class Outlook(Shown):
         ]  # fmt: skip
         added = [f"add one condition {e.words}: separates {', '.join(e.helps) or 'nothing more'}"
                  for e in self.experiments[:3]]  # fmt: skip
+        added += [_sensor_words(e) for e in self.sensors[:1]]
         return Sheet(self._heading(), rows, head, added)
 
     def _heading(self) -> str:
@@ -111,7 +116,14 @@ class Outlook(Shown):
         for e in self.experiments[:3]:
             what = ", ".join(e.helps) or "nothing more"
             lines.append(f"  add one condition {e.words}: separates {what}")
+        lines += [f"  {_sensor_words(e)}" for e in self.sensors[:1]]
         return "\n".join(lines)
+
+
+def _sensor_words(e: Experiment) -> str:
+    """Where the next thermocouple belongs, and what it would leave of every effect."""
+    left = ", ".join(f"{name} {z:.1f}" for name, z in sorted(e.z_left.items(), key=lambda item: item[1]))
+    return f"next thermocouple {e.words}: sigma left beside all rivals {left}"
 
 
 def plan(problem: Problem) -> Outlook:
@@ -123,7 +135,29 @@ def plan(problem: Problem) -> Outlook:
     prospects = _prospects(problem, fit, separable)
     weak = [p.effect for p in prospects if p.z > NOTHING and not p.separable]
     added = experiments(problem, fit, weak) if weak else ()
-    return Outlook(problem.campaign.title, prospects, separable, added)
+    known = [p.effect for p in prospects if p.z > NOTHING]
+    return Outlook(problem.campaign.title, prospects, separable, added, sensors(problem, fit, weak or known))
+
+
+def sensors(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
+    """One more thermocouple at every place of a grid in the block of the first condition, the most useful first.
+
+    Only where the campaign has thermocouples; ranked by what each leaves of the worst-known of some effects.
+    """
+    views = sensor_places.views(problem)
+    if not views or not effects:
+        return ()
+    task = Task(
+        problem.case, problem.conditions[0].given, problem.pins[0], replace(fit.model, shifts={}), tuple(views), (),
+        _everything(problem),
+    )  # fmt: skip
+    [prediction] = problem.predictions([task])
+    now, out = _left(problem, fit, effects), []
+    for view in views:
+        left = _left(problem, _wider(problem, fit, replace(task, views=(view,)), prediction), effects)
+        helps = tuple(e for e in effects if left.get(e, 0.0) >= SURE > now.get(e, 0.0))
+        out.append(Experiment(view.file, task.given, left, helps))
+    return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 
 
 def advise(problem: Problem, fit: Fit, alike: tuple[str, ...]) -> str:
@@ -154,7 +188,7 @@ def _wider(problem: Problem, fit: Fit, task: Task, prediction: Prediction) -> Fi
     """A fit with the data of one more condition, of which nothing but their noise is known."""
     campaign = replace(problem.campaign, views=task.views, forces=())
     more = replace(problem, campaign=campaign, conditions=(Condition(task.given, task.views, ()),))
-    data = Data.begin(more, [prediction], noises={v.file: Noise(WHITE, PATTERN) for v in task.views})
+    data = Data.begin(more, [prediction], noises=_noises(more))
     system = System([*fit.blocks, *data.blocks([prediction], first=len(problem.conditions))])
     fresh = [p for p in system.names if p not in fit.system.index]
     return replace(fit, system=system, priors=fit.priors | nuisances(more, fresh, fit.model))
@@ -167,9 +201,8 @@ def _everything(problem: Problem) -> Derivatives:
 def _noises(problem: Problem) -> dict[str, Noise]:
     out = {}
     for v in problem.campaign.views:
-        r = v.recording
-        white = v.sigma_K or r.netd_K or WHITE
-        out[v.file] = Noise(white, PATTERN if r.fixed_pattern_K is None else r.fixed_pattern_K)
+        white, pattern = levels(v)
+        out[v.file] = Noise(white or WHITE, PATTERN if pattern is None else pattern)
     return out
 
 
@@ -221,6 +254,8 @@ def _task(problem: Problem, model: Model, key: str, factor: float, step: float) 
     case = problem.campaign.load(first.given)
     value = case[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value * factor + step == value:
+        return None
+    if case["schedule.alone"] and not key.startswith("ambient."):  # nothing slides
         return None
     changed = first.given | {key: float(f"{value * factor + step:.6g}")}
     pins = dict(problem.pins[0])

@@ -1,0 +1,41 @@
+"""Places at which one more thermocouple might be put: a grid in the block, read like those that a campaign has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from flashtemp.camera import synthetic
+from flashtemp.camera.points import Places, of_arrays
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery.problem import Problem
+
+UP, ALONG = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98), (0.1, 0.5, 0.9)  # of height and length
+
+
+def views(problem: Problem) -> list[View]:
+    """One blank recording for every place, named after it; none where the campaign has no thermocouples.
+
+    Each is read, and its place known, like the first recording of points of the first condition.
+    """
+    first = problem.conditions[0]
+    like = next((v for v in first.views if v.recording.places is not None), None)
+    if like is None or like.recording.places is None:
+        return []
+    scene, r = problem.campaign.load(first.given | problem.pins[0]).scene, like.recording
+    out = []
+    for words, places in _grid(scene.length, scene.height, like.recording.places):
+        blank = synthetic.blank_points(places, scene, r.time, r.repetition, r.netd_K or 0.05)
+        out.append(View(words, blank, first.given, like.sigma_K))
+    return out
+
+
+def _grid(length: float, height: float, like: Places) -> Iterator[tuple[str, Places]]:
+    """Words and place of every node; one column where all thermocouples that there are stand at one x."""
+    alone = np.ptp(like.x) == 0.0
+    for x in (float(like.x[0]),) if alone else tuple(length * a for a in ALONG):
+        for z in (height * u for u in UP):
+            known = {"lag_s": [float(like.lag_s.max())], "place_sigma_m": [float(like.place_sigma_m.max())]}
+            words = f"at x = {1e3 * x:.3g} mm, z = {1e3 * z:.3g} mm"
+            yield words, of_arrays((words,), {"x": [x], "z": [z]} | known)

@@ -42,6 +42,10 @@ QUANTITIES: dict[str, Quantity] = {
             "contact.pressure", "1", "1", "local over mean pressure of a new block; brought back to mean 1", PLACE,
         ),
         Quantity(
+            "contact.pressure_by_friction", "1", "0",
+            "what local over mean pressure changes by per unit of load-weighted friction", PLACE,
+        ),
+        Quantity(
             "block.abrasion", "1", "0", "m worn per m slid",
             "T in the spots, x, y, local pressure, contact fraction, `now.friction`",
         ),

@@ -74,8 +74,11 @@ class Interface:
         if b.expansion:
             free = free + b.foundation.stiffness * b.swelling(T)
         turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
-        if turning < np.inf:
-            moment *= self._friction(now, free, moment, turning, T, T_in, kf)
+        sheared = self._sheared(now)
+        if turning < np.inf or sheared is not None:
+            mean = self._friction(now, free, sheared, moment, turning, T, T_in, kf)
+            moment = moment * mean
+            free = free if sheared is None else free + mean * sheared
         press = b.foundation.settle(free, now.pressure, moment, turning)
         state = self.state(now, press.pressure, T)
         if not now.touching:
@@ -94,6 +97,17 @@ class Interface:
             shape = self.recent.shape = shape / (np.sum(shape * mesh.column_area) / np.sum(mesh.column_area))
         return shape
 
+    def _sheared(self, now) -> np.ndarray | None:
+        """Pressure (columns,) Pa that friction adds per unit of itself, without any load; None where there is none."""
+        if not (self.b.laws.has("contact.pressure_by_friction") and now.touching and now.pressure > 0):
+            return None
+        mesh = self.b.scene.mesh
+        added = laws_mean(self.b.laws, "contact.pressure_by_friction", mesh, now, 0.0)
+        if not added.any():
+            return None
+        area = mesh.column_area
+        return now.pressure * (added - np.sum(added * area) / np.sum(area))
+
     def _turning(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
@@ -102,12 +116,12 @@ class Interface:
         turning = np.inf if give <= RIGID else 2.0 / give
         return turning, arm * now.pressure * bed.dx.sum()
 
-    def _friction(self, now, free, moment, turning, T, T_in, kf):
-        """Load-weighted friction that agrees with the tilt which it causes: Newton on one number."""
-        bed = self.b.foundation
+    def _friction(self, now, free, sheared, moment, turning, T, T_in, kf):
+        """Load-weighted friction that agrees with the pressure which it causes: Newton on one number."""
+        bed, sheared = self.b.foundation, 0.0 if sheared is None else sheared
 
         def found(trial, free, T, T_in, kf):
-            press = bed.settle(free, now.pressure, moment * trial, turning)
+            press = bed.settle(free + trial * sheared, now.pressure, moment * trial, turning)
             flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, T_in, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
@@ -121,7 +135,7 @@ class Interface:
             if abs(step) <= 1e-8 * max(abs(mean), 1e-3):  # the next step would be its square
                 break
         else:
-            raise SolverFailure(f"friction {mean:.3g} and the tilt of the holder do not agree")
+            raise SolverFailure(f"friction {mean:.3g} and the pressure that it causes do not agree")
         self.recent.friction = mean
         if any(np.iscomplexobj(a) for a in (free, T)):
             return mean + (found(mean, free, T, T_in, kf) - mean) / slope

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flashtemp.comparison.noise import Noise, lag_one, noise, structured, whiten
+from flashtemp.discovery.condensing import groups
 
 SHAPE = (12, 30, 80)
 
@@ -47,6 +48,36 @@ def test_whitened_residuals_are_independent_and_of_unit_variance():
         raw = np.stack([residual(s)[:, 3:] for s in range(8)])
         assert abs(np.mean(w[:, a] * w[:, b])) < 4 / np.sqrt(w[:, a].size)
         assert np.mean(raw[:, a] * raw[:, b]) / 0.03**2 == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("pattern", [0.0, 0.03])
+def test_means_of_frames_say_as_much_as_the_frames(pattern):
+    """Of what is even within the groups: products of whitened columns, and the noise estimated."""
+    rng, counts = np.random.default_rng(3), (1, 2, 5, 20, 50, 50, 7)
+    starts = np.append(0, np.cumsum(counts)[:-1])
+    even = np.repeat(rng.normal(size=(len(counts), 60, 80)), counts, axis=0)
+    frames = rng.normal(0, 0.05, even.shape) + rng.normal(0, pattern, even.shape[1:])
+
+    def means(images):
+        return np.add.reduceat(images, starts) / np.array(counts)[:, None, None]
+
+    raw, short = Noise(0.05, pattern), Noise(0.05, pattern, (), counts)
+    assert noise(means(frames), None, None, counts).white == pytest.approx(0.05, rel=0.05)
+    for one, other in ((even, even), (even, frames)):
+        whole = (whiten(one, raw) * whiten(other, raw)).sum()
+        assert (whiten(means(one), short) * whiten(means(other), short)).sum() == pytest.approx(whole, rel=1e-12)
+
+
+def test_frames_are_taken_together_where_little_changes():
+    """The root of the time since an event is, in the mean over a group, that of its middle; no group holds an event."""
+    time = np.arange(0.0, 30.0, 0.01)
+    starts = groups(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
+    assert len(starts) < 0.12 * len(time)
+    for k, first in enumerate(starts):
+        mine = time[first : (starts + [len(time)])[k + 1]]
+        assert not (mine[0] < 20.0 <= mine[-1])
+        since = mine - (20.0 if mine[0] >= 20.0 else 0.0)
+        assert np.sqrt(since).mean() == pytest.approx(np.sqrt(since.mean()), rel=8e-5)
 
 
 def test_correlation_of_white_noise_is_within_its_error():

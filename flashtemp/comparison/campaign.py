@@ -31,13 +31,17 @@ Under = Callable[..., cases.Case]  # the case under overrides
 
 @dataclass(frozen=True)
 class View:
-    """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame."""
+    """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame.
+
+    `averaged`: how many of the camera's frames each frame is the mean of, None where it is one of them.
+    """
 
     file: str
     recording: Recording
     given: dict[str, Any] = field(default_factory=dict)
     sigma_K: float | None = None
     held_out: bool = False
+    averaged: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,23 @@ MAD = 1.482602218505602  # standard deviation over median absolute deviation of 
 class Noise:
     """`white` of one pixel of one frame, `pattern` between pixels that stays in all frames; K.
 
-    `estimated`: the names of those that the data themselves had to give.
+    `estimated`: the names of those that the data themselves had to give.  `averaged`: how many frames of the camera
+    each frame (frames,) is the mean of, None where it is one of them.
     """
 
     white: float
     pattern: float
     estimated: tuple[str, ...] = ()
+    averaged: tuple[int, ...] | None = None
+
+    def weight(self) -> np.ndarray | float:
+        """Frames of the camera in each frame, to multiply images (frames, nv, nu)."""
+        return 1.0 if self.averaged is None else np.array(self.averaged, float)[:, None, None]
 
 
-def noise(residual: np.ndarray, white: float | None, pattern: float | None) -> Noise:
+def noise(
+    residual: np.ndarray, white: float | None, pattern: float | None, averaged: tuple[int, ...] | None = None
+) -> Noise:
     """Noise of residuals (frames, nv, nu) K, NaN where masked; what is not given is estimated.
 
     White noise from differences of successive frames, the fixed pattern from differences between
@@ -30,15 +38,20 @@ def noise(residual: np.ndarray, white: float | None, pattern: float | None) -> N
     estimated, n = [], len(residual)
     if white is None:
         estimated.append("white")
-        step = np.diff(residual, axis=0) if n > 2 else np.diff(residual, n=2, axis=-1) / np.sqrt(3.0)
-        white = _spread(step) / np.sqrt(2.0)
+        each = np.ones(n) if averaged is None else np.array(averaged, float)
+        if n > 2:
+            step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+        else:
+            step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
+        white = _spread(step)
     if pattern is None:
         estimated.append("pattern")
         mean = over_frames(residual)
         steps = [np.diff(mean, n=2, axis=a).ravel() / np.sqrt(6.0) for a in (0, 1) if mean.shape[a] > 2]
         total = _spread(np.concatenate(steps)) if steps else 0.0
-        pattern = float(np.sqrt(max(total**2 - white**2 / max(n, 1), 0.0)))
-    return Noise(max(float(white), 1e-6), float(pattern), tuple(estimated))
+        frames = n if averaged is None else sum(averaged)
+        pattern = float(np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0)))
+    return Noise(max(float(white), 1e-6), float(pattern), tuple(estimated), averaged)
 
 
 def _spread(values: np.ndarray) -> float:
@@ -56,11 +69,15 @@ def over_frames(residual: np.ndarray) -> np.ndarray:
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `noise` is in them.
 
-    Per pixel with n frames: (y - c mean(y))/sigma, c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
+    Per pixel with n frames of the camera, w in each frame: sqrt(w) (y - c mean(y))/sigma, mean weighted by w,
+    c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
     """
-    n, mean = np.isfinite(residual).sum(axis=0), over_frames(residual)
+    w = noise.weight()
+    known = np.isfinite(residual)
+    n = (known * w).sum(axis=0)
+    mean = np.where(n > 0, np.nansum(residual * w, axis=0) / np.maximum(n, 1), np.nan)
     c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
-    return (residual - c * mean) / noise.white
+    return np.sqrt(w) * (residual - c * mean) / noise.white
 
 
 def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Campaign, Condition, View
 from flashtemp.comparison.compare import window
+from flashtemp.discovery.condensing import condensed
 from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
@@ -79,7 +80,8 @@ def checked(answer: Prediction | FlashtempError) -> Prediction:
 
 
 def prepare(campaign: Campaign, run: Run) -> Problem:
-    """Check a campaign for what fitting needs.  Raises BadInput."""
+    """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
+    campaign = condensed(campaign)
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]

@@ -122,7 +122,7 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
 
 def _noise(view: View, seen: Observable) -> Noise:
     """The noise of a recording, stated or estimated."""
-    return noise(_left(view, seen), *levels(view))
+    return noise(_left(view, seen), *levels(view), view.averaged)
 
 
 def _left(view: View, seen: Observable) -> Array:

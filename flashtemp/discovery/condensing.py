@@ -1,0 +1,60 @@
+"""Long recordings condensed: frames between which hardly anything changes become one that says as much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.comparison.campaign import Campaign, View
+from flashtemp.model.case import Case
+
+MOST = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
+SHARE = 0.05  # of the time to the nearest event: the mean of sqrt(t) is then that of its middle to 8e-5
+
+
+def condensed(campaign: Campaign) -> Campaign:
+    """The campaign with means of neighbouring frames where its recordings hold more than MOST pixels.
+
+    The rise after an event goes as the root of the time since, so means over a share of that time are as good as
+    frames taken in their middle; white noise falls with the root of their number (`View.averaged`).
+    """
+    if sum(v.recording.temperature.size for v in campaign.views) <= MOST:
+        return campaign
+    return replace(campaign, views=tuple(_condensed(v, campaign.load(v.given)) for v in campaign.views))
+
+
+def _condensed(view: View, case: Case) -> View:
+    r = view.recording
+    starts = groups(
+        r.time, r.repetition, np.array([p.begin for p in case.scene.schedule.phases]), case.scene.schedule.end
+    )
+    counts = np.diff([*starts, r.frames])
+    means = np.stack([r.temperature[i : i + n].mean(axis=0) for i, n in zip(starts, counts, strict=True)])
+    time = np.add.reduceat(r.time, starts) / counts
+    short = replace(r, temperature=means, time=time, repetition=r.repetition[starts])
+    return replace(view, recording=short, averaged=tuple(map(int, counts)))
+
+
+def groups(
+    time: npt.NDArray[np.float64], repetition: npt.NDArray[np.int_], begins: npt.NDArray[np.float64], end: float
+) -> list[int]:
+    """First frames of groups that last no longer than SHARE of the time to the nearest event.
+
+    `time` (frames,) s in order, `repetition` (frames,); events at `begins` and the `end`, s.
+
+    >>> groups(np.array([0.0, 1.0, 10.0, 10.2, 10.4, 19.9, 20.0]), np.ones(7, int), np.array([0.0]), 20.0)
+    [0, 1, 2, 5, 6]
+    """
+    events = np.append(begins, end)
+    after = np.searchsorted(events, time, side="right")
+    last = np.where(after > 0, events[np.maximum(after - 1, 0)], np.inf)
+    coming = np.where(after < len(events), events[np.minimum(after, len(events) - 1)], -np.inf)
+    starts = [0]
+    for k in range(1, len(time)):
+        first = starts[-1]
+        near = min(time[first] - last[first], coming[k] - time[k])
+        if after[k] != after[first] or repetition[k] != repetition[first] or time[k] - time[first] > SHARE * near:
+            starts.append(k)
+    return starts

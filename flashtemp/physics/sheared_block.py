@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +43,7 @@ def pressure_by_friction(slenderness: float, poisson: float) -> tuple[Array, Arr
     return np.linspace(0.0, 1.0, ALONG + 1), 0.5 * (change - change[::-1])
 
 
-def _stiffness(nx: int, nz: int, dx: float, dz: float, poisson: float):
+def _stiffness(nx: int, nz: int, dx: float, dz: float, poisson: float) -> Any:
     """Stiffness of even bilinear elements over shear modulus, their volume change taken in the middle (no locking)."""
     from scipy.sparse import coo_array
 

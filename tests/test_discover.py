@@ -30,7 +30,7 @@ from flashtemp.discovery import calibration, discover, prediction, whitening
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.parameters import SHIFTS, ParameterId
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.search import calibrate
+from flashtemp.discovery.searched import calibrate
 from flashtemp.discovery.verdict import KINDS
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
@@ -492,8 +492,8 @@ def first_order(monkeypatch):
     """Images moved along their slope instead of as they are."""
     exact = prediction.observe
 
-    def sloped(run, scene, recording, acting=(), shift=(0.0, 0.0), change=0.0):
-        out = exact(run, scene, recording, acting, (0.0, 0.0), change)
+    def sloped(run, scene, recording, acting=(), shift=(0.0, 0.0), change=0.0, *place):
+        out = exact(run, scene, recording, acting, (0.0, 0.0), change, *place)
         for axis in (0, 1):
             if shift[axis]:
                 step = exact(run, scene, recording, acting, 1j * prediction.STEP * np.eye(2)[axis]).temperature.imag

@@ -15,7 +15,20 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import Seeing
 from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
 from flashtemp.discovery import wording
-from flashtemp.discovery.verdict import KINDS, Cause, Estimate, Fitness, Missing, OwnValue, Pull, Rival, Test, Verdict
+from flashtemp.discovery.verdict import (
+    KINDS,
+    Cause,
+    Check,
+    Estimate,
+    Fitness,
+    Held,
+    Missing,
+    OwnValue,
+    Pull,
+    Rival,
+    Test,
+    Verdict,
+)  # fmt: skip
 from flashtemp.physics.effect import catalogue
 from flashtemp.viz import (
     before_after,
@@ -212,6 +225,10 @@ def verdict(kind, count=2, **changes):
             "before": recordings(count, 0.0)[0], "missing": (lacks("as in the case", 0.0),), "base": EXTENDED,
         },
         "unexplained": none | {"says": ("Something outside the catalogue is present at x = 10 to 14 mm.",)},
+        "held_key": none | {
+            "says": ("A key that was held explains what a cause would: friction.mu was held at 0.8.",),
+            "held_key": Held("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, True, "friction.mu was held at 0.8"),
+        },
         "no_verdict": none | {
             "says": ("The calibration did not converge: three starts ended in different places.",), "rivals": (),
             "certificate": {"converged": False, "largest_step": 0.7}, "before": (), "missing": (), "separability": None,
@@ -262,7 +279,7 @@ class Reader(HTMLParser):
         return [r for r in self.rows[at + 1 :] if len(r) == len(self.rows[at])]
 
 
-PICTURES = {"named": 6, "weak": 6, "group": 5, "none_needed": 5, "unexplained": 5, "no_verdict": 0}
+PICTURES = {"named": 6, "weak": 6, "group": 5, "none_needed": 5, "unexplained": 5, "no_verdict": 0, "held_key": 5}
 
 
 @pytest.fixture(scope="module")
@@ -504,3 +521,16 @@ def test_every_verdict_is_said_in_words(kind, said):
     if kind == "group":
         assert "(wear)" in first
         assert "(radiation)" in first
+
+
+def test_what_to_look_at_again_is_listed_and_no_verdict_keeps_what_it_knows():
+    checks = (
+        Check("scale", "scale|wall.nc", "the pixel scale of <wall.nc> is 1.2 % too small", 310.0, 0.012, 0.001),
+        Check("held key", "friction.mu", "friction.mu was held at 0.8", 12.0, 1.0, 0.1),
+    )
+    text = Reader(verdict_report.text(verdict("unexplained", checklist=checks, before=(), after=()))).text
+    assert text.index("What to look at again") < text.index("the pixel scale of <wall.nc>") < text.index("held at 0.8")
+    assert "What to look at again" not in Reader(verdict_report.text(verdict("named", before=(), after=()))).text
+    known = Reader(verdict_report.text(verdict("no_verdict", base=EXTENDED, rivals=RIVALS, checklist=checks))).text
+    assert "What to look at again" in known
+    assert RIVALS[0].effect.replace("_", " ") in known

@@ -16,7 +16,8 @@ from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.search import _typical, calibrate
+from flashtemp.discovery.search import _typical
+from flashtemp.discovery.searched import calibrate
 from flashtemp.model.case import load
 from flashtemp.physics.effect import Param, find
 from flashtemp.runs.workers import crew

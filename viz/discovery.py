@@ -53,7 +53,7 @@ ABSENT = {
 
 def figures(verdict) -> dict[str, Figure]:
     """The pictures that apply to a verdict, by name, in the order in which they are read."""
-    if verdict.kind == "no_verdict":  # what a failed calibration left behind proves nothing
+    if verdict.kind == "no_verdict" and verdict.base is None:  # nothing was calibrated
         return {}
     alike = verdict.separability is not None and len(verdict.separability[0]) > 0
     drawn = {

@@ -10,9 +10,11 @@ from flashtemp.discovery.verdict import Cause, Rival, Verdict
 from flashtemp.showing import whole_file
 from flashtemp.viz import html
 
+LISTED = 12  # things to look at again
 ALARM = 8.0  # ln Bayes factor below which nothing is claimed
 ANSWER = {
     "named": ("The cause is named", "good"),
+    "held_key": ("A key of the case is not what it was held to be", "near"),
     "weak": ("A cause is likely, but the evidence is weak", "near"),
     "group": ("Something is missing; these data cannot tell which of several causes it is", "near"),
     "none_needed": ("No extension is needed", "good"),
@@ -54,10 +56,10 @@ def write(verdict: Verdict, path) -> Path:
 def text(verdict: Verdict) -> str:
     """The whole text of the HTML file."""
     title = f"What the model is missing: {verdict.title}"
-    whole = verdict.kind != "no_verdict"
+    whole = verdict.kind != "no_verdict" or verdict.base is not None
     body = [f"<h1>{escape(title)}</h1>", *_answer(verdict)]
     if whole:
-        body += [*_pictures(verdict), *_known(verdict), *_unseen(verdict)]
+        body += [*_look(verdict), *_pictures(verdict), *_known(verdict), *_unseen(verdict)]
     body += [*_advice(verdict), *_certificate(verdict)]
     if whole:
         body += ["<h2>How to read this</h2>", html.terms(READING)]
@@ -70,13 +72,13 @@ def _answer(v: Verdict) -> list[str]:
     words, grade = ANSWER[v.kind]
     if v.kind == "named" and len(v.causes) > 1:
         words = f"{len(v.causes)} causes are named"
+    elif v.kind == "named" and v.causes and v.causes[0].laboratory:
+        words = "An error of the laboratory is named"
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
     out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
     if v.kind == "no_verdict":
-        out.append(
-            html.paragraph("Before it is mended nothing else would mean anything: no cause and no picture is shown.")
-        )
-        return out
+        known = "Nothing is known yet: no picture is shown." if v.base is None else "What follows is as far as it came."
+        return [*out, html.paragraph(f"No cause can be named before it is mended. {known}")]
     out.append('<div class="key">')
     for cause in v.causes:
         out += _cause(cause)
@@ -121,6 +123,15 @@ def _gain(v: Verdict) -> list[str]:
     if math.isfinite(b.held_out_rmse_K) and math.isfinite(e.held_out_rmse_K):
         line += f", on what no fit has seen from {_number(b.held_out_rmse_K)} K to {_number(e.held_out_rmse_K)} K"
     return [f"{line}."]
+
+
+def _look(v: Verdict) -> list[str]:
+    """What to look at again in the laboratory and in the case, what would explain most first."""
+    if not v.checklist:
+        return []
+    rows = [[c.sort, c.words, _number(c.ln_bayes)] for c in v.checklist[:LISTED]]
+    head = ["", "if it were so that", "it would explain (ln Bayes factor)"]
+    return ["<h2>What to look at again</h2>", html.table(head, rows)]
 
 
 # --- pictures ---------------------------------------------------------------------------------------

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import erfc
 
+from flashtemp.camera.placement import AS_TOLD, Kept, Place, corner, hats, pivot, turned
 from flashtemp.camera.point_observation import asked, readings
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
@@ -27,6 +27,7 @@ ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
 BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
 RIM = 1.5  # px around the edge of a body that no comparison uses
+RULER = 0.01  # of the block's length, as it is known: its trailing edge may lie that far off
 
 
 @dataclass(frozen=True)
@@ -38,31 +39,12 @@ class Seen:
 
 
 # --- pixels -----------------------------------------------------------------------------------------
-def _ramp(x, s):
-    """Integral of the normal distribution function of width s, and its integral."""
-    if s == 0:
-        up = np.where(np.real(x) > 0, x, 0.0)
-        return up, 0.5 * up * up
-    half = 0.5 * erfc(-x / (np.sqrt(2.0) * s))
-    bell = s / np.sqrt(2 * np.pi) * np.exp(-0.5 * (x / s) ** 2)
-    return x * half + bell, 0.5 * ((x * x + s * s) * half + x * bell)
-
-
 def pixel_weights(centres, pitch: float, sigma, nodes) -> np.ndarray:
     """Weights (pixels, nodes) of a field that is linear between nodes (m) and zero outside them.
 
     A pixel is a box of `pitch` (m) convolved with a Gaussian of `sigma` (m); exact integrals.
     """
-    x = np.asarray(centres)[:, None] - np.asarray(nodes)[None]
-    ahead, behind = _ramp(x + 0.5 * pitch, sigma), _ramp(x - 0.5 * pitch, sigma)
-    once, twice = ((a - b) / pitch for a, b in zip(ahead, behind, strict=True))
-    step = np.diff(nodes)
-    area = once[:, :-1] - once[:, 1:]
-    later = (-step * once[:, 1:] + twice[:, :-1] - twice[:, 1:]) / step
-    weights = np.zeros(x.shape, dtype=later.dtype)
-    weights[:, :-1] += area - later
-    weights[:, 1:] += later
-    return weights
+    return hats(np.asarray(centres)[:, None] - np.asarray(nodes)[None], pitch, sigma, np.diff(nodes))
 
 
 def _ends(values, axis: int):
@@ -160,12 +142,14 @@ class Instrument:
 
 
 def observe(
-    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0
-) -> Seen:
+    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0,
+    place: Place = AS_TOLD, kept: Kept | None = None,
+) -> Seen:  # fmt: skip
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
-    may be complex for their derivatives.  Fields of the run are interpolated in time; a run that kept them
+    may be complex for their derivatives; `place` is the image's scale and turn, `kept` what turned
+    images of one recording share.  Fields of the run are interpolated in time; a run that kept them
     at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting)
@@ -182,9 +166,8 @@ def observe(
     batches = np.array_split(times, max(1, -(-len(times) // BATCH)))
     for batch in batches:
         body, along, up = _body(run if len(batches) == 1 else _around(run, batch), scene, recording, batch)
-        x = _weights(camera, 0, along, shift)
-        z = np.ones((1, 1)) if line else _weights(camera, 1, up, shift)
-        S = outside + z @ (LONG_WAVE.counts(body) - outside) @ x.T
+        light = LONG_WAVE.counts(body) - outside
+        S = outside + _through(camera, light, (along, up), shift, place, scene.length, kept)
         told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
         shown.append(LONG_WAVE.temperature(told))
     offset = np.broadcast_to(camera("offset", 0.0), len(times))
@@ -207,15 +190,28 @@ def _around(run, times: np.ndarray):
     return replace(run, frames=run.frames[k], field=run.field[k], maps=maps)
 
 
-def _weights(camera: Instrument, axis: int, nodes: np.ndarray, shift) -> np.ndarray:
-    """Pixel weights along u (0) or v (1) with the camera's shift and point spread."""
+def _through(camera: Instrument, light, nodes, shift, place: Place, length: float, kept: Kept | None):
+    """Light (frames, nv, nu) that pixels get from a body (frames, v nodes, u nodes) with `nodes` (m) along u and v."""
+    recording = camera.recording
+    (u, *along), (v, *up) = (_axis(camera, a, shift, place, length) for a in (0, 1))
+    if place.turn and recording.view != "profile":
+        return turned(light, nodes, (u, v), (along, up), place, pivot(recording, length), kept)
+    z = np.ones((1, 1)) if recording.view == "profile" else pixel_weights(v, up[0], up[1], nodes[1])
+    return z @ light @ pixel_weights(u, along[0], along[1], nodes[0]).T
+
+
+def _axis(camera: Instrument, axis: int, shift, place: Place, length: float):
+    """Pixel centres, pitch and point spread (m) along u (0) or v (1) with the camera's shift and the image's scale."""
     recording, name = camera.recording, "uv"[axis]
     pitch = recording.pitch[axis]
     if not np.isfinite(pitch):
         pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
     centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
+    if place.scale:
+        about = 0.0 if axis else corner(recording, length)
+        centres, pitch = about + (centres - about) * (1.0 + place.scale), pitch * (1.0 + place.scale)
     sigma = camera("blur", recording.psf_sigma_px or 0.0)
-    return pixel_weights(centres, pitch, sigma * pitch, nodes)
+    return centres, pitch, sigma * pitch
 
 
 def _body(run, scene, recording, times):
@@ -231,8 +227,8 @@ def _body(run, scene, recording, times):
         if scene.resolved:
             T = _ends(_ends(between(road(run.maps, run.frames), run.time[run.frames], times), 1), 2)
             return np.swapaxes(T, 1, 2), behind, np.concatenate([[-half], mesh.y_centre, [half]])
-        T = _ends(between(road(vars(run), slice(None)), run.time, times), 1)[:, None]
-        return np.repeat(T, 2, axis=1), behind, np.array([-half, half])
+        T, behind = finer(_smooth_ends(between(road(vars(run), slice(None)), run.time, times), behind, 1), behind, 1)
+        return np.repeat(T[:, None], 2, axis=1), behind, np.array([-half, half])
     height = mesh.height
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
     kept = run.time[run.frames]
@@ -277,12 +273,15 @@ def _free_road(run, length: float, recording: Recording):
 
 
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to."""
+    """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to.
+
+    The trailing edge is as uncertain as the block's length.
+    """
     masks, least = [], RIM + max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
-    for centres, pitch, nodes in zip((recording.u, recording.v), recording.pitch, (along, up), strict=True):
-        rim = 0.5 * pitch if recording.view == "profile" else least * pitch
-        free = len(nodes) == 1 or not np.isfinite(pitch)
-        masks.append(
-            np.full(len(centres), True) if free else (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim)
-        )
+    ends = RULER * (along[-1] - along[0]) if recording.view != "wake" else 0.0, 0.0
+    axes = zip((recording.u, recording.v), recording.pitch, (along, up), ends, strict=True)
+    for centres, pitch, nodes, end in axes:
+        rim, free = least * pitch, len(nodes) == 1 or not np.isfinite(pitch)
+        inside = (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim - end)
+        masks.append(np.full(len(centres), True) if free else inside)
     return masks[1][:, None] & masks[0][None]

@@ -19,6 +19,7 @@ from flashtemp.showing import Sheet, Shown
 
 NETD = 0.05  # K, of a camera that is imagined
 READ = 40  # times that imagined thermocouples are read per repetition
+MOST = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
 ENTRY = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
@@ -77,7 +78,8 @@ class Condition:
 class Campaign(Shown):
     """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
 
-    `trust`: effect files of the case run whose ever they are.
+    `trust`: effect files of the case run whose ever they are; `priors` {free key: relative standard deviation} that
+    the campaign states.
     """
 
     title: str
@@ -88,6 +90,7 @@ class Campaign(Shown):
     folder: Path
     candidates: tuple[str, ...] | None = None
     trust: bool = False
+    priors: dict[str, float] = field(default_factory=dict)
 
     @property
     def entries(self) -> tuple[View | Force, ...]:
@@ -154,14 +157,16 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     forces = [f for n, e in enumerate(entries["force"], 1) if (f := reader.force(e, n, under))]
     if not reader.faults and not views and not forces:
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
-    free, candidates = reader.names(raw, "free"), reader.candidates(raw, believed)
+    priors = reader.priors(raw)
+    free = tuple(priors) if priors is not None else reader.names(raw, "free")
+    candidates = reader.candidates(raw, believed)
     if not isinstance(raw.get("title", ""), str):
         reader.fault("title", f"{raw['title']!r}; give text in quotes")
     if reader.faults or case is None or believed is None:
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
     free = reader.free(free, believed)
-    return Campaign(title, case, free, tuple(views), tuple(forces), file.parent, candidates, trust)
+    return Campaign(title, case, free, tuple(views), tuple(forces), file.parent, candidates, trust, priors or {})
 
 
 @dataclass(frozen=True)
@@ -215,6 +220,19 @@ class _Reader:
             self.fault(key, f"{value!r}; give a list of names in quotes")
             return None
         return tuple(value) if key in raw else None
+
+    def priors(self, raw: dict[str, Any]) -> dict[str, float] | None:
+        """Free keys with the relative standard deviation of what is known of them; None where `free` is a list."""
+        given = raw.get("free")
+        if not isinstance(given, dict):
+            return None
+        flat: dict[str, Any] = {}
+        for key, value in given.items():  # contact.spot_fraction without quotes is a table in a table
+            flat |= {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+        for key, sd in flat.items():
+            if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MOST:
+                self.fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MOST:g}")
+        return flat
 
     def candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
         """Effects that may be missing, all of them known to the case."""

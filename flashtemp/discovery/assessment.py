@@ -11,12 +11,14 @@ from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import declaration
+from flashtemp.discovery.laboratory import found
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, residual
 from flashtemp.discovery.nuisances import plain
-from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable
 from flashtemp.discovery.scores import Score, Separability, separability
-from flashtemp.discovery.search import APART, MOST, NAMED, WEAK, Search
+from flashtemp.discovery.search import MOST
+from flashtemp.discovery.searched import APART, NAMED, WEAK, Search
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
 from flashtemp.discovery.whitening import Data
 from flashtemp.discovery.wording import called
@@ -265,6 +267,23 @@ def group(search: Search) -> tuple[str, ...]:
     return tuple(dict.fromkeys(out))
 
 
+def laboratory_causes(search: Search, fit: Fit) -> tuple[Cause, ...]:
+    """Errors of the laboratory beyond what is usual, as causes."""
+    out = [
+        Cause("mirrored", t.words, (), 2.0 * t.ln_bayes, 0.0, 1.0, ln_bayes=t.ln_bayes, laboratory=True)
+        for t in search.mirrored
+    ]  # fmt: skip
+    for e in search.laboratory:
+        now = found(search.problem, fit, e)
+        sd = INFLATED * now.stderr
+        ends = (now.value - 1.96 * sd, now.value + 1.96 * sd)
+        where = e.parameter.file or e.parameter.name
+        estimate = Estimate(f"{now.name}.{where}", now.value, sd, ends, now.unit)
+        cause = Cause(now.name, now.words, (estimate,), now.pull**2, 0.0, 1.0, ln_bayes=e.ln_bayes, laboratory=True)
+        out.append(cause)
+    return tuple(out)
+
+
 # --- what was calibrated, and gates ------------------------------------------------------------------
 def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
     """Calibrated nuisances, free keys first, then those farthest from what was known."""
@@ -276,6 +295,9 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
             free.append(Pull(str(p), value, value * sd, away[p], _unit(search, p.name)))
         elif p.kind in SHIFTS:
             other.append(Pull(called(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
+        elif p.kind in OF_THE_LABORATORY:
+            unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
+            other.append(Pull(called(p), fit.model.placed(p) + step, sd, away[p], unit))
         elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR):
             other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
@@ -287,7 +309,7 @@ def _unit(search: Search, key: str) -> str:
 
 def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     """What was checked for adequacy, with its limit: beyond it something is left that has no name."""
-    away = adequacy.pulls(fit)
+    away = {p: v for p, v in adequacy.pulls(fit).items() if p not in search.problem.loose}
     theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
     conditions = [adequacy.per_condition(search.problem, fit, p) for p in fit.fitted]

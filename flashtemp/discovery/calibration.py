@@ -12,7 +12,7 @@ from flashtemp.discovery.floor import MIDDLE, SIZES
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
 from flashtemp.discovery.nuisances import nuisances
-from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.whitening import Data
@@ -22,8 +22,12 @@ ENOUGH = 0.01  # largest last step over its prior standard deviation
 SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
-HALVINGS, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back, the loss that asks for one, and what stands still
+BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
+SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
+EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
+DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
+FAINT = 1e-3  # of scale or rad: what moves the last of a hundred pixels by a tenth of itself is linear
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
 FAR = "far behind the best"  # why a descent went no further
 
@@ -63,7 +67,8 @@ class Fit:
     """A model at its best point: `solution` of its last linearisation, and the `history` of steps over prior
     standard deviations, of which the last is the one it would still take.
 
-    `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound.
+    `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
+    `promise` the ln evidence that the last step would still gain.
     """
 
     model: Model
@@ -74,6 +79,7 @@ class Fit:
     scale: float
     history: tuple[float, ...]
     bound: frozenset[ParameterId] = frozenset()
+    promise: float = np.inf
 
     @property
     def blocks(self) -> list[Block]:
@@ -81,8 +87,8 @@ class Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether the certificate holds."""
-        return self.history[-1] < ENOUGH
+        """Whether the certificate holds: the next step is short, or gains nothing."""
+        return self.history[-1] < ENOUGH or (self.usable and self.promise < EVEN)
 
     @property
     def usable(self) -> bool:
@@ -121,9 +127,9 @@ class Fit:
 
 @dataclass(frozen=True)
 class Reached:
-    """A point that was visited, and the evidence there."""
+    """A point that was visited, its fit, and the evidence there, all that moves standing still."""
 
-    model: Model
+    fit: Fit
     ln_evidence: float
 
 
@@ -132,7 +138,8 @@ class Descent:
     """One model on its way to its best point: `tasks` ask for the next predictions, `take` gives the next state.
 
     `effects` candidates that the model holds and moves; `rough`: a model that misfits grossly need not be exact
-    (what extends it must).  `fit` at the point reached last, `best` point so far, `failed` says why it ends.
+    (what extends it must).  `fit` at the best point so far, `trust` how long a step may be (in prior standard
+    deviations) after one that lost, `back` steps back in a row, `tried` points in all; `failed` says why it ends.
     """
 
     problem: Problem
@@ -145,7 +152,9 @@ class Descent:
     fit: Fit | None = None
     failed: str = ""
     best: Reached | None = None
-    halved: int = 0
+    trust: float = np.inf
+    back: int = 0
+    tried: int = 0
 
     @property
     def priors(self) -> Priors:
@@ -161,25 +170,87 @@ class Descent:
     def done(self) -> bool:
         if self.fit is None or self.failed:
             return bool(self.failed)
+        if self.fit.converged or self.back > BACK:
+            return True
         rough = self.rough and self.fit.hopeless
-        return self.fit.history[-1] < (LOOSE if rough else ENOUGH) or len(self.history) >= (FEW if rough else TRIES)
+        most = FEW if rough else TRIES
+        return (rough and self.fit.usable) or len(self.history) >= most or self.tried >= most + BACK
 
     def take(self, predictions: Sequence[Prediction]) -> Descent:
-        """Linearise at the present point, keep the fit, and move to where it points, or half the way back."""
+        """Linearise at the present point and move to where it points; after a loss, back to the best point and on from
+        there by a shorter and more cautious step."""
         system = System(self.data.blocks(predictions))
         found, bound = self._within_bounds(system)
-        solution, priors = found.solution, found.priors
-        steps = {p: solution[p] for p in solution.names if p in priors and self._moves(p)}
-        value = _evidence(system, priors, list(steps))
-        if self.best is not None and value < self.best.ln_evidence - WORSE and self.halved < HALVINGS:
-            return replace(self, model=_halfway(self.model, self.best.model), halved=self.halved + 1)
-        sizes = (abs(s) / priors[p][1] * (SHIFTED if p.kind in SHIFTS else 1.0) for p, s in steps.items())
+        steps = self._steps(found.solution, found.priors)
+        value, chi2 = _standing(system, found.priors, list(steps))
+        if self.best is not None and value < self.best.ln_evidence - WORSE:
+            return self.retreat(self.best.fit)
+        promise = 0.5 * (chi2 - found.solution.chi2)
+        sizes = (
+            self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in SHIFTS else 1.0)
+            for p, s in steps.items()
+        )
         history = (*self.history, float(max(sizes, default=0.0)))
-        fit = Fit(self.model, tuple(predictions), system, solution, priors, found.scale, history, bound)
-        return replace(
-            self, model=self.model if fit.converged else self._moved(steps, priors), history=history, fit=fit,
-            best=Reached(self.model, value), halved=0,
+        fit = Fit(
+            self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise
+        )
+        now = replace(
+            self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
+            tried=self.tried + 1,
         )  # fmt: skip
+        return now if fit.converged else replace(now, model=now._onward(fit))
+
+    def retreat(self, best: Fit) -> Descent:
+        """Back to the best point, and on from there by a shorter step than the one that lost."""
+        last = min(LONGEST, self._far(self._steps(best.solution, best.priors), best))
+        cautious = replace(self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1)
+        return replace(cautious, model=cautious._onward(best))
+
+    def _onward(self, fit: Fit) -> Model:
+        """Where a fit points, no farther than is trusted: the nearer, the more along the steepest way."""
+        steps = self._steps(fit.solution, fit.priors)
+        if self.trust < LONGEST:
+            damped = fit.priors
+            while self._far(steps, fit) > self.trust:
+                damped = {p: self._damped(p, damped[p], p in steps) for p in damped}
+                steps = self._steps(fit.system.solve(damped), damped, frozenset(steps))
+        return self._moved(fit, steps)
+
+    def _damped(self, p: ParameterId, prior: Prior, moving: bool) -> Prior:
+        """A prior drawn to the present point, for what moves."""
+        mean, sd = prior
+        return (mean * DAMPING**2, sd * DAMPING) if moving else prior
+
+    def _steps(
+        self, solution: Solution, priors: Priors, only: frozenset[ParameterId] | None = None
+    ) -> dict[ParameterId, float]:
+        """What a solution moves, images by what their view shares besides; mere columns left out."""
+        found = {p: solution[p] + self._shared(solution, p) for p in solution.names if p in priors}
+        return {p: s for p, s in found.items() if (p in only if only is not None else self._moves(p, s))}
+
+    def _shared(self, solution: Solution, p: ParameterId) -> float:
+        """What all recordings of the view have besides."""
+        if p.kind not in PLACED or not p.file:
+            return 0.0
+        view = next(v.recording.view for v in self.problem.campaign.views if v.file == p.file)
+        both = ParameterId(p.kind, name=view)
+        return solution[both] if both in solution.names else 0.0
+
+    def _far(self, steps: dict[ParameterId, float], fit: Fit) -> float:
+        """The longest of steps from a fit, images' places left out."""
+        sizes = (self._size(p, s, fit.priors, fit.model) for p, s in steps.items() if p.kind not in SHIFTS)
+        return max(sizes, default=0.0)
+
+    def _size(self, p: ParameterId, step: float, priors: Priors, model: Model) -> float:
+        """A step in prior standard deviations; of a strength far from off, in shares of that strength instead."""
+        return abs(step) / max(priors[p][1], abs(self._strength(p, model)))
+
+    def _strength(self, p: ParameterId, model: Model) -> float:
+        """How far a model stands from off in a strength, so that one of a wide range moves by factors."""
+        if p not in self.priors:
+            return 0.0
+        off = self.problem.case.known[p.effect].params()[p.name].off
+        return 0.0 if off is None else model.value(p) - off
 
     def _within_bounds(self, system: System) -> tuple[Scaled, frozenset[ParameterId]]:
         """The solution with all parameters left out that lie on a bound and would be pushed beyond."""
@@ -194,22 +265,27 @@ class Descent:
                 return found, bound
             bound |= {max(outside, key=lambda p: abs(step[p]) / found.priors[p][1])}
 
-    def _moves(self, p: ParameterId) -> bool:
+    def _moves(self, p: ParameterId, step: float) -> bool:
+        """Whether a parameter is no mere column: scale and turn of an image are, as long as no pixel goes far."""
+        if p.kind in PLACED:
+            return bool(p.file) and abs(step) > FAINT
         return p.kind is Kind.KEY or p.kind in SHIFTS or p in self.priors
 
-    def _moved(self, steps: dict[ParameterId, float], priors: Priors) -> Model:
-        """The model after steps, none too long and none across a bound."""
-        far = max((abs(s) / priors[p][1] for p, s in steps.items() if p.kind not in SHIFTS), default=0.0)
-        model = self.model
+    def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:
+        """The model after steps from a fit, none too long and none across a bound."""
+        model, share = fit.model, min(1.0, LONGEST / max(self._far(steps, fit), 1e-300))
         for p, whole in steps.items():
-            step = float(whole) * min(1.0, LONGEST / max(far, 1e-300))
+            step = float(whole) * share
             if p.kind in SHIFTS:
                 shift = list(model.shift(p.file))
                 shift[p.axis] += float(np.clip(step, -1.0, 1.0))
                 model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
-            elif p.kind is Kind.KEY:
+            elif p.kind is Kind.KEY or p.kind in PLACED:
                 model = model.moved(p, step)
             else:
+                strength = self._strength(p, model)
+                if abs(strength) > fit.priors[p][1] and step * strength < 0.0:  # not to off at one stroke
+                    step = -float(np.copysign(min(abs(step), (1.0 - SHORTER) * abs(strength)), strength))
                 values = model.effects[p.effect] | {p.name: self._bounded(p, model.value(p) + step)}
                 model = model.with_effect(p.effect, values)
         return model
@@ -225,22 +301,12 @@ class Descent:
         return value == self._bounded(p, value) and self._bounded(p, value + step) == value and step != 0.0
 
 
-def _halfway(there: Model, back: Model) -> Model:
-    """Half the way back to a point: the last step went too far."""
-    free = {k: 0.5 * (v + back.free[k]) for k, v in there.free.items()}
-    effects = {
-        e: {k: 0.5 * (v + back.effects[e][k]) if v != back.effects[e][k] else v for k, v in own.items()}
-        for e, own in there.effects.items()
-    }
-    shifts = {f: (0.5 * (u + back.shift(f)[0]), 0.5 * (v + back.shift(f)[1])) for f, (u, v) in there.shifts.items()}
-    return Model(free, effects, shifts)
-
-
-def _evidence(system: System, priors: Priors, moving: list[ParameterId]) -> float:
-    """ln evidence at the point itself: what moves stands still, the rest is free."""
+def _standing(system: System, priors: Priors, moving: list[ParameterId]) -> tuple[float, float]:
+    """ln evidence and chi2 at the point itself: what moves stands still, the rest is free."""
     still = {p: ((0.0, TIGHT * sd) if p in moving else (mean, sd)) for p, (mean, sd) in priors.items()}
     pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in moving)
-    return system.solve(still).ln_evidence - 0.5 * pulls
+    solution = system.solve(still)
+    return solution.ln_evidence - 0.5 * pulls, solution.chi2 + pulls
 
 
 def advance(problem: Problem, descents: Sequence[Descent]) -> list[Descent]:
@@ -252,7 +318,10 @@ def advance(problem: Problem, descents: Sequence[Descent]) -> list[Descent]:
         own = [next(answers) for _ in tasks]
         faults = [a for a in own if isinstance(a, FlashtempError)]
         made = [a for a in own if isinstance(a, Prediction)]
-        out.append(replace(d, failed=str(faults[0])) if faults else d.take(made))
+        if faults and d.best is not None and d.back <= BACK:
+            out.append(d.retreat(d.best.fit))
+        else:
+            out.append(replace(d, failed=str(faults[0])) if faults else d.take(made))
     return out
 
 

@@ -15,15 +15,18 @@ from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.calibration import ENOUGH, Fit, Watch
+from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.scores import separability
-from flashtemp.discovery.search import WEAK, Search, calibrate, explore
-from flashtemp.discovery.verdict import Verdict
+from flashtemp.discovery.search import explore
+from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
+from flashtemp.discovery.verdict import Found, Held, Verdict
 from flashtemp.discovery.visible import gain
 from flashtemp.runs.workers import crew
 
@@ -41,8 +44,6 @@ def discover(
     began, watch = time.monotonic(), _timed(watch)
     with crew(predict, workers, scheduler) as run:
         search = explore(calibrate(prepare(campaign, run), watch), watch)
-        if not search.best.converged:
-            return _no_verdict(search, time.monotonic() - began), search
         watch("judging")
         verdict = _verdict(search)
     return replace(verdict, seconds=time.monotonic() - began), search
@@ -64,13 +65,6 @@ def _timed(watch: Watch) -> Callable[[str], Any]:
     return say
 
 
-def _no_verdict(search: Search, seconds: float) -> Verdict:
-    return Verdict(
-        title=search.problem.campaign.title, kind="no_verdict", says=wording.not_converged(search.best),
-        certificate=_certificate(search), warnings=(search.failed,) if search.failed else (), seconds=seconds,
-    )  # fmt: skip
-
-
 def _certificate(search: Search) -> dict[str, Any]:
     return {
         "converged": search.best.converged,
@@ -80,7 +74,7 @@ def _certificate(search: Search) -> dict[str, Any]:
 
 
 def _verdict(search: Search) -> Verdict:
-    """What a search that converged amounts to."""
+    """What a search amounts to; without its certificate no cause is given, but all that it knows."""
     problem, accepted = search.problem, list(search.best.model.effects)
     hint = None if accepted else _hint(search)
     final = hint or search.best
@@ -89,10 +83,12 @@ def _verdict(search: Search) -> Verdict:
     causes = tuple(assessment.cause(search, e, base, extended) for e in final.model.effects)
     shut = assessment.gates(search, final)
     alike = assessment.group(search) if accepted else ()
+    found = assessment.laboratory_causes(search, final)
     kind = _kind(hint is not None, shut, alike, base, extended, bool(accepted))
     gained = gain(problem, base, extended) if final.model.effects else None
     kind = gained.allowed(kind) if gained is not None else kind
-    if kind in ("none_needed", "unexplained") and not accepted:
+    kind = _honest(kind, search, bool(found))
+    if kind == "no_verdict" or (kind in ("none_needed", "unexplained", "held_key") and not accepted):
         causes, extended = (), base
     separable = separability(search.base, problem.tried)
     order = np.argsort(-separable.z)[:SHOWN]
@@ -100,7 +96,7 @@ def _verdict(search: Search) -> Verdict:
         title=problem.campaign.title,
         kind=kind,
         says=(),
-        causes=causes,
+        causes=() if kind == "no_verdict" else (*found, *causes),
         group=alike if kind == "group" else (),
         next_experiment=experiment_design.advise(problem, search.best, alike) if kind == "group" else "",
         base=base.fitness,
@@ -120,8 +116,40 @@ def _verdict(search: Search) -> Verdict:
         warnings=_warnings(search, final),
         gain=None if gained is None else asdict(gained),
         not_named=() if gained is None or kind not in ("weak", "none_needed") else gained.says,
+        certain=tuple(c.effect for c in causes if c.effect not in alike) if kind == "group" else (),
+        laboratory=tuple(Found(e.name, e.value, e.stderr, e.unit, e.pull, e.words) for e in calibrated(problem, final)),
+        held_key=_held(search),
+        checklist=checklist(search) if kind in ("unexplained", "no_verdict") else (),
+        open_ends={" with ".join(sorted(names)): gain for names, gain in search.open_ends.items()},
     )
-    return replace(verdict, says=wording.says(verdict, problem.case.known))
+    says = wording.says(verdict, problem.case.known)
+    return replace(verdict, says=(*wording.not_converged(search.best), *says) if kind == "no_verdict" else says)
+
+
+def _honest(kind: str, search: Search, found: bool) -> str:
+    """A kind of verdict that says no more than was done: without certificate none, with open ends not that none is
+    needed; errors of the laboratory and held keys count as named."""
+    if not search.best.converged:
+        return "no_verdict"
+    if kind != "none_needed":
+        return kind
+    if search.open_ends:
+        return "unexplained"
+    if search.held_key is not None:
+        return "held_key"
+    return "named" if found else kind
+
+
+def _held(search: Search) -> Held | None:
+    """The key that was freed, or one that would explain as much as what was accepted."""
+    key, gained = search.held_key, search.best.ln_evidence - search.base.ln_evidence
+    if key is None:
+        likely = [k for k in search.keys if k.fit is not None and k.ln_bayes > max(NAMED, gained - APART)]
+        if not likely:
+            return None
+        key = likely[0]
+    freed = search.held_key is not None
+    return Held(key.key, key.told, key.value, key.stderr, key.unit, key.ln_bayes, freed, key.words)
 
 
 def _hint(search: Search) -> Fit | None:
@@ -202,14 +230,15 @@ def _strange(fit: Fit, view: View) -> list[str]:
 def write_extended(search: Search, verdict: Verdict, folder: Path) -> None:
     """extended.toml (and the files it names): the case with calibrated parameters and accepted effects."""
     best = search.best if search.best.model.effects else _hint(search)
-    if not verdict.causes or best is None:
+    best = search.best if best is None else best
+    if not verdict.extends:
         return
     free = {p.name: best.model.free[p.name] + best.solution[p] for p in search.problem.free}
     found = {e.name: e.value for c in verdict.causes for e in c.parameters}
     effects = {
         c.effect: {k: found.get(str(ParameterId.of_effect(c.effect, k)), v) for k, v in own.items()}
         for c in verdict.causes
-        if (own := best.model.effects[c.effect])
+        if not c.laboratory and (own := best.model.effects[c.effect])
     }
     case = Model(free, effects).on(search.problem.case)
     (folder / "extended.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")

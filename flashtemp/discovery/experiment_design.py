@@ -195,7 +195,7 @@ def _wider(problem: Problem, fit: Fit, task: Task, prediction: Prediction) -> Fi
 
 
 def _everything(problem: Problem) -> Derivatives:
-    return Derivatives(problem.free, True, MODES, False, problem.tried, True)
+    return Derivatives(problem.free, True, MODES, False, problem.tried, True, True)
 
 
 def _noises(problem: Problem) -> dict[str, Noise]:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.discovery.parameters import Kind, ParameterId, Priors
+from flashtemp.camera.placement import AS_TOLD, Place
+from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
@@ -42,11 +43,12 @@ def within(param: Param, value: float) -> float:
 @dataclass(frozen=True)
 class Model:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
-    and `shifts` (px along u and v) of the images of recordings by file."""
+    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale and turn."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
+    places: dict[str, Place] = field(default_factory=dict)
 
     def on(self, case: Case) -> Case:
         """The case at this point.  Raises BadInput."""
@@ -72,10 +74,21 @@ class Model:
         """Where the image of a recording stands, px along u and v."""
         return self.shifts.get(file, (0.0, 0.0))
 
+    def place(self, file: str) -> Place:
+        """Scale and turn of the image of a recording."""
+        return self.places.get(file, AS_TOLD)
+
+    def placed(self, p: ParameterId) -> float:
+        """Where the scale or the turn of a recording's image stands; 0 for all else that only adds a column."""
+        return float(getattr(self.place(p.file), p.kind.value)) if p.kind in PLACED and p.file else 0.0
+
     def moved(self, p: ParameterId, step: float) -> Model:
-        """The same with a free key, or a parameter of one of the effects, moved."""
+        """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
+        if p.kind in PLACED:
+            there = replace(self.place(p.file), **{p.kind.value: self.placed(p) + step})
+            return replace(self, places=self.places | {p.file: there})
         if p.kind is Kind.KEY:
-            return replace(self, free=self.free | {p.name: self.free[p.name] + step})
+            return replace(self, free=self.free | {p.name: self.free.get(p.name, 0.0) + step})
         return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.value(p) + step})
 
     def with_effect(self, effect: str, values: dict[str, float]) -> Model:

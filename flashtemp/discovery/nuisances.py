@@ -10,7 +10,7 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.parameters import ALL, SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import ALL, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Priors
 from flashtemp.discovery.prediction import Observable, Single, packed, placed
 from flashtemp.discovery.problem import Problem
 
@@ -25,14 +25,31 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
     Kind.CELL: 0.005,  # gain of the load cell
     Kind.FLOOR: MIDDLE,  # the model's own error over the rise, 1e-3 to 3e-3 by evidence
+    Kind.SCALE: 0.01,  # pixel scale of a view
+    Kind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree
+    Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
+    Kind.SIZE: 0.01,  # length and width of the block
 }
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
+LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
 LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MOST = 3.0
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
 PLAIN = frozenset(  # what everybody would calibrate
-    {Kind.KEY, *SHIFTS, Kind.GAIN, Kind.PLACE, Kind.SPREAD, Kind.LEVEL, Kind.CELL, Kind.MESH}
+    {
+        Kind.KEY,
+        *SHIFTS,
+        *PLACED,
+        Kind.GAIN,
+        Kind.SPREAD,
+        Kind.LEVEL,
+        Kind.CELL,
+        Kind.MESH,
+        Kind.CLOCK,
+        Kind.SIZE,
+        Kind.PLACE,
+    }
 )
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
 
@@ -53,6 +70,9 @@ def nuisances(
             out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
         elif p.kind is Kind.PLACE:
             out[p] = (0.0, places[p])
+        elif p.kind in OF_THE_LABORATORY:
+            if p.file or p.kind is Kind.SIZE or p in problem.loose:
+                out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, scale * MODE / p.index[0])
         elif p.kind is Kind.FLOOR:

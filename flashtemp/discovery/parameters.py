@@ -28,10 +28,16 @@ class Kind(StrEnum):
     WALL = "wall"  # cooling of the wall against the section behind it
     FLOOR = "floor"  # smooth relative error of the model itself in a recording
     CELL = "cell"  # gain of the load cell, relative
+    SCALE = "scale"  # of a recording's pixels, relative
+    TURN = "turn"  # of a recording's image, rad
+    CLOCK = "clock"  # what the frames of a recording are stamped late, s
+    SIZE = "size"  # of the block, relative: its length, its width
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-OF_A_RECORDING = frozenset({*SHIFTS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
+PLACED = (Kind.SCALE, Kind.TURN)
+OF_THE_LABORATORY = (*PLACED, Kind.CLOCK, Kind.SIZE)
+OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.CLOCK, Kind.FLOOR})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 
@@ -40,7 +46,7 @@ class ParameterId:
     """One parameter: hashable, sorted by its fields, written as text only for people and files.
 
     `index` tells those of a kind apart: the repetition, the half waves along (and up), the set of shapes of a trace.
-    `name` is a key of the case, a parameter of the `effect`, or a point that all recordings share; `file` and
+    `name` is a key of the case, a parameter of the `effect`, a point or the view whose recordings share it; `file` and
     `condition` say where alone it acts.
 
     >>> print(ParameterId(Kind.FLUX, (2,), condition=1), ParameterId.of_effect("pressure_tilt", "a"))

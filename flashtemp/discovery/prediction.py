@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.observation import observe
+from flashtemp.camera.placement import Kept, arms
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
 from flashtemp.discovery.deviations import with_mode, with_scatter
@@ -31,6 +32,7 @@ Single = npt.NDArray[np.float32]
 Columns = dict[ParameterId, Array]
 STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
+SIZES, SIZED = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
 LAG = 0.02  # s: step of what moves frames in time
 AWAY = 0.25  # of what is known of the place of a point: step of its derivative
 DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
@@ -39,7 +41,8 @@ DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole s
 @dataclass(frozen=True)
 class Derivatives:
     """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
-    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics`."""
+    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics`, by the `laboratory`: sizes of
+    the block and clocks of the cameras, by keys of the case that are `held`."""
 
     own: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -47,6 +50,8 @@ class Derivatives:
     trends: bool = False
     candidates: tuple[Candidate, ...] = ()
     optics: bool = False
+    laboratory: bool = False
+    held: tuple[ParameterId, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,8 @@ def predict(task: Task) -> Prediction:
     point = Point(task, base, scene)
     moves = dict(_moves(point))
     frames = moments(task.views, scene)
-    early = tuple(t - LAG for t in frames if t > LAG) if task.derivatives.candidates else ()
+    asked = task.derivatives
+    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.laboratory else ()
     settings = replace(case.settings, times=tuple(sorted({*frames, *early})), fields=2)
     if moves:
         near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
@@ -138,10 +144,12 @@ def predict(task: Task) -> Prediction:
 # --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
 def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
     asked = point.task.derivatives
-    yield from (pair for p in asked.own for pair in _own(point, p))
+    yield from (pair for p in (*asked.own, *asked.held) for pair in _own(point, p))
     if asked.scatter:
         yield from _scatter(point.scene)
     yield from _modes(point.scene, asked.modes, asked.trends)
+    if asked.laboratory and any(v.recording.places is None for v in point.task.views):
+        yield from _sizes(point)
     for c in asked.candidates:
         if not c.optical:
             yield from _strengths(point, c)
@@ -151,7 +159,7 @@ def _own(point: Point, p: ParameterId) -> Iterator[tuple[ParameterId, Move]]:
     """A free key, or a parameter of an effect that the model holds already."""
     model = point.task.model
     if p.kind is Kind.KEY:
-        now = model.overrides(point.case)[p.name]
+        now = model.overrides(point.case).get(p.name, point.case[p.name])
         step = -FREE if now * np.exp(FREE) > declaration(point.case, p.name).high else FREE
     elif point.case.known[p.effect].heat is not Effect.heat:
         step = point.step(p)
@@ -175,6 +183,17 @@ def _modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId
             yield ParameterId(Kind.TREND, (n,)), Move(with_mode(scene, n, MODE, True), MODE)
 
 
+def _sizes(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+    """The block a little longer and wider; shorter, where longer would ask for another cell."""
+    mesh = point.scene.mesh
+    for key in SIZES:
+        for step in (SIZED, -SIZED):
+            scene = point.task.model.on(point.case.with_values({key: point.case[key] * (1.0 + step)})).scene
+            if all(len(getattr(scene.mesh, k)) == len(getattr(mesh, k)) for k in ("x", "depth", "height", "y")):
+                yield ParameterId(Kind.SIZE, name=key), Move(scene, step, stretched=True)
+                break
+
+
 def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]:
     for number in range(len(c.variants)):
         off = c.off(number)
@@ -187,15 +206,16 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
 # --- what instruments show ------------------------------------------------------------------------------------
 def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
     recording, scene, asked = view.recording, point.scene, point.task.derivatives
-    shift = point.task.model.shift(view.file)
+    shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
+    kept: Kept = {}
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
         shift: Any = shift, change: Any = 0.0,
     ) -> Array:  # fmt: skip
-        return observe(run, scene, recording, acting, shift, change).temperature
+        return observe(run, scene, recording, acting, shift, change, place, kept).temperature
 
-    seen = observe(near.run, scene, recording, scene.acting, shift)
+    seen = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept)
     columns: Columns = {}
     level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
@@ -208,7 +228,10 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
         if p.kind is Kind.EFFECT and p not in columns:
             columns[p] = _refined(point, see, p, seen.temperature)
     if asked.optics:
-        columns |= _optics(see, recording, shift)
+        columns |= _optics(see, recording, shift, scene.length)
+    if asked.laboratory:
+        earlier = see(recording=replace(recording, time=recording.time - LAG))
+        columns[ParameterId(Kind.CLOCK)] = (earlier - seen.temperature) / LAG
     return Observable(seen.temperature, seen.inside, {k: packed(v, seen.inside) for k, v in columns.items()})
 
 
@@ -236,15 +259,22 @@ def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Arr
     return (see(acting=(*others, moved)) - plain) / step
 
 
-def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float]) -> Columns:
-    """What the camera's own unknowns change: shift along u and v (px), gain, point spread (relative)."""
+def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float], length: float) -> Columns:
+    """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
     out: Columns = {}
     if recording.places is not None:
         return _places(see, recording)
+    slopes = np.zeros((2, *recording.temperature.shape))
     for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
-        if n > 1 and recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
+        if n > 1:
             moved = np.array(shift) + 1j * STEP * np.eye(2)[axis]
-            out[ParameterId(SHIFTS[axis])] = see(shift=moved).imag / STEP
+            slopes[axis] = see(shift=moved).imag / STEP
+            if recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
+                out[ParameterId(SHIFTS[axis])] = slopes[axis]
+    su, sv, tu, tv = arms(recording, length)
+    out[ParameterId(Kind.SCALE)] = su * slopes[0] + sv * slopes[1]
+    if len(recording.u) > 1 and len(recording.v) > 1:
+        out[ParameterId(Kind.TURN)] = tu * slopes[0] + tv * slopes[1]
     if recording.view != "profile":
         out[ParameterId(Kind.GAIN)] = see(change=1j * STEP).imag / STEP
     if recording.psf_sigma_px:

@@ -32,7 +32,7 @@ class Problem:
     """What does not change while a campaign is fitted.
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers.
+    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened.
     """
 
     campaign: Campaign
@@ -42,6 +42,7 @@ class Problem:
     left: dict[str, str]
     run: Run
     case: Case
+    loose: frozenset[ParameterId] = frozenset()
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
         """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
@@ -60,7 +61,8 @@ class Problem:
     @property
     def priors(self) -> dict[ParameterId, float]:
         """Standard deviation of the ln of every free key."""
-        return {ParameterId.of_key(key): prior(key) for key in self.campaign.free}
+        stated = self.campaign.priors
+        return {ParameterId.of_key(key): stated.get(key, prior(key)) for key in self.campaign.free}
 
     @property
     def free(self) -> tuple[ParameterId, ...]:
@@ -89,14 +91,14 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
             raise BadInput(
                 f"{campaign.case}: {key}: {value!r} cannot be freed; give a number > 0, or leave it out of free"
             )
-        _may_move(campaign, case, key)
+        may_move(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
     return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case)
 
 
-def _may_move(campaign: Campaign, case: Case, key: str) -> None:
+def may_move(campaign: Campaign, case: Case, key: str) -> None:
     """BadInput unless a key can move while mesh and schedule stay."""
     pins = first_cells(case.scene, case.values["numerics"])
     scene, moved = case.with_values(pins).scene, case.with_values(pins | {key: case[key] * 0.99}).scene

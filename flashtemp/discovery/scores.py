@@ -45,6 +45,11 @@ class Score:
         return self.candidate.effect
 
     @property
+    def traces(self) -> dict[ParameterId, float]:
+        """Columns in the best variant, with their typical strengths."""
+        return dict(zip(self.candidate.columns(self.variant), self.candidate.strengths.values(), strict=True))
+
+    @property
     def values(self) -> dict[str, float]:
         """Values of all parameters from which a full fit may start."""
         off = self.candidate.off(self.variant)
@@ -176,16 +181,11 @@ def pairs(problem: Problem, fit: Fit, ranked: Sequence[Score], most: int = 12) -
     out = []
     for i, a in enumerate(best):
         for b in best[i + 1 :]:
-            more = {n: (0.0, abs(v)) for s in (a, b) for n, v in _traces(s).items()}
+            more = {n: (0.0, abs(v)) for s in (a, b) for n, v in s.traces.items()}
             solution = fit.solved(problem, _effects(fit) | more, base.equations).solution
-            if all(_possible(s, n, solution[n]) for s in (a, b) for n in _traces(s)):
+            if all(_possible(s, n, solution[n]) for s in (a, b) for n in s.traces):
                 out.append(Pair(solution.ln_evidence - base.ln_evidence, (a, b)))
     return sorted(out, key=lambda p: -p.ln_bayes)
-
-
-def _traces(s: Score) -> dict[ParameterId, float]:
-    """Columns of a candidate in its best variant, with its typical strengths."""
-    return dict(zip(s.candidate.columns(s.variant), s.candidate.strengths.values(), strict=True))
 
 
 def _possible(s: Score, p: ParameterId, amplitude: float) -> bool:

@@ -3,125 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Descent, Fit, Watch, advance, descend
-from flashtemp.discovery.hypothesis import Candidate, Model
-from flashtemp.discovery.nuisances import MODES
-from flashtemp.discovery.prediction import Derivatives
-from flashtemp.discovery.problem import Problem, strangers, without
+from flashtemp.discovery.held_keys import freed, holdable
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.put_right import doubt, put_right
 from flashtemp.discovery.scores import Score, pairs, scores
-from flashtemp.discovery.whitening import Data
-from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.discovery.searched import (
+    HOPELESS,
+    IDLE,
+    NAMED,
+    SIMILAR,
+    WEAK,
+    Calibrated,
+    Ranking,
+    Search,
+    traced,
+)  # fmt: skip
 
-NAMED, WEAK = 8.0, 5.0  # ln Bayes factors: of a named cause, and of a hint
-APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
-SIMILAR = 0.4  # of the best score: what is refitted beside it
 TOGETHER = 6  # pairs tried at a time: each holds its images
-HOPELESS = 40.0  # behind the best: a refit goes no further
-COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
-
-Ranking = tuple[Score, ...]
 
 
-@dataclass(frozen=True)
-class Calibrated:
-    """The believed model `base` at its best point; `refused` {recording: why it was left out}."""
-
-    problem: Problem
-    data: Data
-    base: Fit
-    refused: dict[str, str]
-
-
-@dataclass(frozen=True)
-class Search:
-    """What was tried: `base` calibrated, `best` extended, both with traces of all candidates.
-
-    `fits` {effects: fit} of every refit; `ranking` the candidates' scores at the base and at every extension;
-    `refused` {recording: why}; `failed` why the last fit failed that came to nothing.
-    """
-
-    problem: Problem
-    data: Data
-    refused: dict[str, str]
-    base: Fit
-    best: Fit
-    fits: dict[frozenset[str], Fit]
-    ranking: tuple[Ranking, ...] = ()
-    failed: str = ""
-
-    @property
-    def extended(self) -> list[Fit]:
-        """Fits that hold more effects than the present best and are near their best point."""
-        return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and f.usable]
-
-    @property
-    def own(self) -> list[Candidate]:
-        """Candidates that the present best holds."""
-        return held(self.problem, self.best.model)
-
-    def start(self, model: Model, effects: Sequence[Candidate], rough: bool = True) -> Descent:
-        return Descent(self.problem, self.data, model, tuple(effects), rough=rough)
-
-
-def held(problem: Problem, model: Model) -> list[Candidate]:
-    """Candidates that a model holds."""
-    return [c for c in problem.tried if c.effect in model.effects]
-
-
-# --- calibration -------------------------------------------------------------------------------------
-def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
-    """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure."""
-    watch("calibrating the model that is believed")
-    model, everything = problem.start, Derivatives(problem.free, True, MODES, True, optics=True)
-    first = problem.predictions(problem.tasks(model, everything))
-    coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
-    refused = strangers(problem, first)
-    if refused:
-        problem, (first, *coarse) = without(problem, [first, *coarse], refused)
-        if not problem.campaign.views:  # load cells alone would find nothing wrong
-            raise BadInput(*(f"{file}: {why}" for file, why in refused.items()))
-    data = Data.begin(problem, first, coarse)
-    [end] = descend(problem, [Descent(problem, data, model).take(first)], watch, HOPELESS)
-    if end.fit is None:
-        raise SolverFailure(end.failed)
-    return Calibrated(problem, data, end.fit, refused)
-
-
-def traced(problem: Problem, data: Data, fit: Fit, watch: Watch) -> Fit:
-    """A fit with the traces of all candidates at its point.  Raises BadInput, SolverFailure."""
-    watch("traces of the candidate effects")
-    others = tuple(c for c in problem.tried if c.effect not in fit.model.effects)
-    descent = Descent(problem, data, fit.model, tuple(held(problem, fit.model)), Derivatives(candidates=others))
-    found = descent.take(problem.predictions(descent.tasks())).fit
-    assert found is not None  # a first step never goes back
-    return found
-
-
-# --- candidates --------------------------------------------------------------------------------------
 def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
-    """Add the best candidate, or pair, as long as the evidence asks for it; bring the best to its certificate."""
-    problem, data = calibrated.problem, calibrated.data
-    base = traced(problem, data, calibrated.base, watch)
-    search = Search(problem, data, calibrated.refused, base, base, {frozenset(): base})
+    """Put the laboratory right, then add the best candidate, or pair, as long as the evidence asks for it; bring the
+    best to its certificate."""
+    problem, data, keys = calibrated.problem, calibrated.data, holdable(calibrated.problem)
+    base = traced(problem, data, calibrated.base, watch, tuple(map(ParameterId.of_key, keys)))
+    search = Search(problem, data, calibrated.refused, base, base, {frozenset(): base}, mirrored=calibrated.mirrored)
+    search = put_right(search, watch)
     for depth in range(MOST):
-        ranked = scores(problem, search.best, problem.tried)
+        ranked = scores(search.problem, search.best, problem.tried)
         search = _refit(replace(search, ranking=(*search.ranking, ranked)), ranked, depth, watch)
         found = _worth_it(search, depth)
+        if not depth:
+            search = doubt(search, keys, found, watch)
+            if search.held_key is not None:
+                return _once_more(search, calibrated, watch)
         if found is None:
-            return _settle(search, watch)
-        best = traced(problem, data, found, watch)
+            return put_right(_settle(search, watch), watch)
+        best = traced(search.problem, search.data, found, watch)
         search = replace(search, best=best, fits=search.fits | {frozenset(found.model.effects): best})
         if len(found.model.effects) >= MOST:
             break
-    last = scores(problem, search.best, problem.tried)
-    return _settle(replace(search, ranking=(*search.ranking, last)), watch)
+    last = scores(search.problem, search.best, problem.tried)
+    return put_right(_settle(replace(search, ranking=(*search.ranking, last)), watch), watch)
+
+
+def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
+    """The search again, with the key freed that was held wrongly."""
+    key = search.held_key
+    assert key is not None
+    assert key.fit is not None
+    problem, data = freed(search.problem, search.data, key.key)
+    begun = replace(calibrated, problem=problem, data=data, base=key.fit)
+    again = explore(begun, watch)
+    return replace(again, held_key=key, laboratory=(*search.laboratory, *again.laboratory))
 
 
 def _settle(search: Search, watch: Watch) -> Search:
@@ -142,6 +86,8 @@ def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
     search = _fit(search, [(s,) for s in good], watch)
     if depth:
         return search
+    if not _worth_it(search, depth):
+        search = _fit(search, [(s,) for s in _left_over(search, ranked)], watch)
     single = max((f.ln_evidence for k, f in search.fits.items() if len(k) == 1), default=-np.inf)
     if len(ranked) > 1:
         gained = single - search.best.ln_evidence
@@ -151,6 +97,11 @@ def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
     if good and search.best.hopeless and not search.extended:
         search = _run(search, _companions(search, good[0], ranked, watch), watch)
     return search
+
+
+def _left_over(search: Search, ranked: Ranking) -> list[Score]:
+    """Candidates that would be named by their traces and had no full fit."""
+    return [s for s in ranked if s.ln_bayes > NAMED and frozenset({s.effect}) not in search.asked][:SHORT]
 
 
 def _worth_it(search: Search, depth: int) -> Fit | None:
@@ -192,7 +143,7 @@ def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> 
 
 def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> Search:
     """With full fits of groups of candidates added to the present best, from where their traces point."""
-    descents = []
+    descents, asked = [], dict(search.asked)
     for group in groups:
         model = search.best.model
         for s in group:
@@ -201,7 +152,17 @@ def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> S
             model = replace(model, free=_moved(search.problem, model.free, group[0].free))
         if frozenset(model.effects) not in search.fits:
             descents.append(search.start(model, [*search.own, *(s.candidate for s in group)]))
-    return _run(search, descents, watch)
+            asked[frozenset(model.effects)] = _gain(search, group)
+    return _run(replace(search, asked=asked), descents, watch)
+
+
+def _gain(search: Search, group: tuple[Score, ...]) -> float:
+    """ln Bayes factor of effects by their traces together."""
+    if len(group) == 1:
+        return group[0].ln_bayes
+    more = {p: (0.0, abs(a)) for s in group for p, a in s.traces.items()}
+    wider = search.best.solved(search.problem, search.best.effects | more).solution.ln_evidence
+    return wider - search.best.solved(search.problem, search.best.effects).solution.ln_evidence
 
 
 def _run(search: Search, descents: list[Descent], watch: Watch) -> Search:
@@ -209,13 +170,15 @@ def _run(search: Search, descents: list[Descent], watch: Watch) -> Search:
     if not descents:
         return search
     watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
-    fits, failed = dict(search.fits), search.failed
+    fits, failed, ended = dict(search.fits), search.failed, dict(search.ended)
     for d in descend(search.problem, descents, watch, HOPELESS):
+        names = frozenset(d.model.effects)
         if d.fit is None:
             failed = d.failed or failed
         elif alive(search.problem, d.fit):
-            fits[frozenset(d.model.effects)] = d.fit
-    return replace(search, fits=fits, failed=failed)
+            fits[names] = d.fit
+        ended[names] = d.failed or ("" if names in fits else IDLE)
+    return replace(search, fits=fits, failed=failed, ended=ended)
 
 
 def _moved(problem: Problem, free: dict[str, float], steps: dict[str, float]) -> dict[str, float]:

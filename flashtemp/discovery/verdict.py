@@ -13,7 +13,7 @@ from flashtemp.showing import Sheet, Shown
 
 Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
-KINDS = ("named", "weak", "group", "none_needed", "unexplained", "no_verdict")
+KINDS = ("named", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class Cause:
     """An accepted effect: `ln_bayes` against the model without it, `delta_chi2`, `held_out_gain` in ln probability of
     all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
     signal to noise after projection, `raw_share` the share of its signal that calibration cannot absorb;
-    `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them.
+    `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them;
+    `laboratory`: an error of the laboratory, which was put right, no physics.
     """
 
     effect: str
@@ -56,6 +57,7 @@ class Cause:
     raw_share: float = 0.0
     per_condition: tuple[OwnValue, ...] = ()
     consistent: float = 1.0
+    laboratory: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,48 @@ class Rival:
     detectable: float = float("inf")
     left: float | None = None
     refitted: bool = False
+
+
+@dataclass(frozen=True)
+class Found:
+    """An error of the laboratory that calibration found: `value` with `stderr` in `unit`, `pull` in standard deviations
+    of what is usual; `words` for people."""
+
+    name: str
+    value: float
+    stderr: float
+    unit: str
+    pull: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing to look at again: its `sort` (geometry, scale, orientation, time, held key), what it would have to be
+    in `words`, `value` with `stderr` in `unit`, and the ln Bayes factor of it: how much it would explain."""
+
+    sort: str
+    name: str
+    words: str
+    ln_bayes: float
+    value: float
+    stderr: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A key of the case that was held and explains what a cause would: `told` in the case, `value` with `stderr` that
+    the data want, `ln_bayes` of freeing it; `freed`: all else here was found with it free."""
+
+    key: str
+    told: float
+    value: float
+    stderr: float
+    unit: str
+    ln_bayes: float
+    freed: bool
+    words: str
 
 
 @dataclass(frozen=True)
@@ -139,7 +183,9 @@ class Verdict(Shown):
 
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
     every recording against the calibrated base and the extended model; `gates`: what was checked for
-    adequacy, with value and limit; `assumed` priors.
+    adequacy, with value and limit; `assumed` priors.  `certain` effects that all members of a group share;
+    `laboratory` errors that calibration found; `held_key` one that explains what a cause would; `checklist` of what to
+    look at again where nothing explains the data, `open_ends` {effects: ln Bayes factor} that no full fit has judged.
     """
 
     title: str
@@ -166,6 +212,16 @@ class Verdict(Shown):
     seconds: float = 0.0
     gain: dict[str, Any] | None = None  # what the extension changes in kelvin: `visible.Gain`
     not_named: tuple[str, ...] = ()  # why a cause that the evidence asks for is not named
+    certain: tuple[str, ...] = ()
+    laboratory: tuple[Found, ...] = ()
+    held_key: Held | None = None
+    checklist: tuple[Check, ...] = ()
+    open_ends: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def extends(self) -> bool:
+        """Whether there is an extended case: a cause that is physics, or a key to put right."""
+        return any(not c.laboratory for c in self.causes) or (self.held_key is not None and self.held_key.freed)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""
@@ -196,7 +252,12 @@ class Verdict(Shown):
             "gain": self.gain,
             "warnings": list(self.warnings),
             "report": "report.html",
-            "extended_case": "extended.toml" if self.causes else None,
+            "extended_case": "extended.toml" if self.extends else None,
+            "certain": list(self.certain),
+            "laboratory": [asdict(f) for f in self.laboratory],
+            "held_key": None if self.held_key is None else asdict(self.held_key),
+            "checklist": [asdict(c) for c in self.checklist],
+            "open_ends": self.open_ends,
             "seconds": self.seconds,
         }
 
@@ -210,9 +271,13 @@ class Verdict(Shown):
         gates = Sheet("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
         pulls = [(p.name, p.value, p.stderr, p.unit, p.pull) for p in self.nuisance]
         calibrated = Sheet("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
+        looked = [(c.sort, c.words, c.ln_bayes) for c in self.checklist]
+        checks = (Sheet("What to look at again", looked, ("", "", "ln Bayes factor")),) if looked else ()
         following = [f"next: {self.next_experiment}"] if self.next_experiment else []
         notes = (*self.says, *following, *self.warnings)
-        return Sheet(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, (tried, calibrated, gates))
+        return Sheet(
+            f"Verdict on '{self.title}': {self.kind}", causes, head, notes, (*checks, tried, calibrated, gates)
+        )
 
     def __str__(self) -> str:
         lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]

@@ -12,7 +12,7 @@ from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.floor import LARGEST, LEAST
 from flashtemp.discovery.nuisances import nuisances
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.search import NAMED
+from flashtemp.discovery.searched import NAMED
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,14 @@ from flashtemp.comparison.noise import Noise, noise, whiten
 from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.linear_gaussian import Array, Block
 from flashtemp.discovery.nuisances import smooth_images
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Prediction, Single, packed
 from flashtemp.discovery.problem import Problem
 from flashtemp.errors import BadInput
 
-FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND)  # small and of unknown shape: their first traces serve all fits
+# small, or of unknown shape: their first traces serve all fits
+FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND, Kind.SIZE, Kind.CLOCK)
+SHARED = (*PLACED, Kind.CLOCK)  # errors that all recordings of a view may have alike
 ANCHOR = "friction.mu"  # the free key that a condition may have a level of its own for
 
 White = Callable[[npt.NDArray[Any]], Array]
@@ -89,7 +91,22 @@ class Data:
             F, FF = _products(fixed, white, len(r))
         own = {p: v for p, v in seen.columns.items() if p not in fixed}
         C = _stack([white(v) for v in own.values()], len(r))
-        return Block(entry.file, number, entry.held_out, r, C, _names([*own, *fixed], number, entry.file), F, FF)
+        return Block(entry.file, number, entry.held_out, r, C, self._names([*own, *fixed], number, entry), F, FF)
+
+    def _names(
+        self, columns: list[ParameterId], number: int, entry: View | Force
+    ) -> tuple[tuple[ParameterId, int], ...]:
+        """Names under which columns are known: those of one recording or condition carry its name."""
+        out = []
+        for i, p in enumerate(columns):
+            out.append((p.within(number, entry.file), i))
+            if p.kind in SHARED and isinstance(entry, View):
+                out.append((ParameterId(p.kind, name=entry.recording.view), i))
+            if p.kind is Kind.KEY and p.name == ANCHOR and p in self.problem.free:
+                out.append((ParameterId(Kind.LEVEL, condition=number), i))
+            if p.kind is Kind.MODE:
+                out.append((ParameterId(Kind.FLUX, p.index, condition=number), i))
+        return tuple(out)
 
     def _whitened(self, entry: View | Force, seen: Observable) -> tuple[Array, White]:
         """The residual (n,) in sigma, and what does the same to a column of the observable."""
@@ -142,15 +159,3 @@ def _products(columns: dict[ParameterId, npt.NDArray[Any]], white: White, n: int
 
 def _stack(columns: list[Array], n: int) -> Single:
     return np.stack(columns, axis=1).astype(np.float32) if columns else np.zeros((n, 0), np.float32)
-
-
-def _names(columns: list[ParameterId], number: int, file: str) -> tuple[tuple[ParameterId, int], ...]:
-    """Names under which columns are known: those of one recording or condition carry its name."""
-    out = []
-    for i, p in enumerate(columns):
-        out.append((p.within(number, file), i))
-        if p.kind is Kind.KEY and p.name == ANCHOR:
-            out.append((ParameterId(Kind.LEVEL, condition=number), i))
-        if p.kind is Kind.MODE:
-            out.append((ParameterId(Kind.FLUX, p.index, condition=number), i))
-    return tuple(out)

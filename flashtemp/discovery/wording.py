@@ -7,16 +7,18 @@ from collections.abc import Mapping
 
 from flashtemp.discovery.calibration import ENOUGH, Fit
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
-from flashtemp.discovery.search import NAMED, WEAK
+from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.physics.effect import Effect
 
+MOST = 3  # of each kind in the text
 CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
-    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.FLOOR: "the model's own error in",
-    Kind.PLACE: "place of a point of",
+    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
+    Kind.PLACE: "place of a point of", Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
+    Kind.SIZE: "size of the block,", Kind.FLOOR: "the model's own error in",
 }  # fmt: skip
 
 
@@ -26,14 +28,14 @@ def called(p: ParameterId) -> str:
     >>> called(ParameterId(Kind.MAP, (1, 0), file="day 2/wall.nc")), called(ParameterId(Kind.LEVEL, condition=1))
     ('gain map of wall.nc (1, 0)', 'friction of condition 2')
     """
-    where = p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
+    where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""
     return f"{CALLED.get(p.kind, p.kind)} {where}{number}".strip()
 
 
 def says(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     """A whole verdict in sentences; `known` effects by name."""
-    lines = [*_what(v, known), *v.not_named, *_gain(v)]
+    lines = [*_first(v), *_what(v, known), *v.not_named, *_gain(v), *_laboratory(v), *_look(v)]
     rival = next((r for r in v.rivals if r.left is not None and r.score > WEAK), None)
     if v.kind == "named" and rival is not None:
         lines.append(f"The best rival, {rival.effect}, leaves ln Bayes factor {rival.left:.0f}.")
@@ -45,23 +47,72 @@ def says(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def _first(v: Verdict) -> list[str]:
+    """A key that was held, before any cause."""
+    if v.held_key is None:
+        return []
+    h = v.held_key
+    line = f"A key that was held explains what a cause would: {h.words}; ln Bayes factor {h.ln_bayes:.0f}."
+    return [f"{line} All else here was found with it free." if h.freed else f"{line} Put it right, or free it, first."]
+
+
+def _laboratory(v: Verdict) -> list[str]:
+    """What calibration found of the laboratory within what is usual."""
+    return [
+        f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): within what is usual, and allowed for."
+        for f in v.laboratory[:MOST]
+    ]
+
+
+def _sized(value: float, unit: str) -> str:
+    return (
+        f"{100.0 * value:.2g} %"
+        if unit == "1"
+        else f"{value:.2g} {unit}s"
+        if unit == "degree"
+        else f"{value:.2g} {unit}"
+    )
+
+
+def _look(v: Verdict) -> list[str]:
+    """What to look at again, where nothing explains the data."""
+    some = [c for c in v.checklist if c.ln_bayes > WEAK][:MOST]
+    if not v.checklist:
+        return []
+    if not some:
+        return ["Nothing in geometry, scale, orientation, time or the keys that were held would explain it."]
+    listed = "; ".join(f"{c.sort}: {c.words} (ln Bayes factor {c.ln_bayes:.0f})" for c in some)
+    return [f"Look at this first: {listed}."]
+
+
 def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
     """What is missing, if anything."""
+    found = [_sentence(c) for c in v.causes if c.laboratory]
+    causes = [c for c in v.causes if not c.laboratory]
+    if v.kind == "no_verdict":
+        return _known(v)
+    if v.kind == "held_key":
+        return found
     if v.kind == "named":
-        return [f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} against the model without it." for c in v.causes]
+        against = "against the model without it."
+        return [*found, *(f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} {against}" for c in causes)]
     if v.kind == "weak":
-        c = v.causes[0]
+        c = causes[0]
         needed = f"; {NAMED:g} names a cause" if c.ln_bayes < NAMED else ""
-        return [f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}{needed}."]
+        return [*found, f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}{needed}."]
     if v.kind == "group":
         words = " or ".join(f"{known[e].cause} ({e})" for e in v.group)
-        return [f"Something is missing, and these data cannot tell which of these it is: {words}."]
+        sure = [f"Certain: {_sentence(c)[7:]}" for c in causes if c.effect in v.certain]
+        more = "Beside it something" if sure else "Something"
+        return [*found, *sure, f"{more} is missing, and these data cannot tell which of these it is: {words}."]
     if v.kind == "unexplained":
         odd = [k for k, (value, limit) in v.gates.items() if value > limit]
-        lines = [f"Something is missing that is not in the catalogue: {'; '.join(odd)} beyond what fits."]
-        if v.causes:
-            lines.append(f"The nearest member is {v.causes[0].effect}, but it does not explain the data.")
-        return lines
+        lines = [*found]
+        if odd:
+            lines.append(f"Something is missing that is not in the catalogue: {'; '.join(odd)} beyond what fits.")
+        if causes:
+            lines.append(f"The nearest member is {causes[0].effect}, but it does not explain the data.")
+        return [*lines, *_open(v)]
     lines = ["No extension is needed: the calibrated model explains the data within their noise."]
     best = max((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: r.score, default=None)
     if best is not None:
@@ -70,6 +121,21 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
             f"{NAMED:g} would name a cause."
         )
     return lines
+
+
+def _open(v: Verdict) -> list[str]:
+    """What speaks for an effect and was not judged."""
+    return [
+        f"The trace of {names} has ln Bayes factor {gain:.0f}, but no full fit of it came to an end."
+        for names, gain in sorted(v.open_ends.items(), key=lambda item: -item[1])[:MOST]
+    ]
+
+
+def _known(v: Verdict) -> list[str]:
+    """What is known without a certificate."""
+    best = [r for r in v.rivals if math.isfinite(r.score)][:MOST]
+    tried = ", ".join(f"{r.effect} ({r.score:.0f})" for r in sorted(best, key=lambda r: -r.score))
+    return [f"So far, with that said, the strongest traces (ln Bayes factor) are {tried}.", *_open(v)] if best else []
 
 
 def _gain(v: Verdict) -> list[str]:
@@ -89,6 +155,10 @@ def _sentence(c: Cause) -> str:
         f"{p.name} = {p.value:.4g} ({p.ci95[0]:.4g} to {p.ci95[1]:.4g}){'' if p.unit == '1' else ' ' + p.unit}"
         for p in c.parameters
     )
+    if c.laboratory:
+        size = "; ".join(f"{_sized(abs(p.value), p.unit)} +- {_sized(p.stderr, p.unit)}" for p in c.parameters)
+        line = f"An error of the laboratory, put right here: {c.words}"
+        return f"{line}{f' ({size})' if size else ''}; ln Bayes factor {c.ln_bayes:.0f}."
     return f"Cause: {c.words}; {numbers}."
 
 

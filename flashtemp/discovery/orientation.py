@@ -1,0 +1,134 @@
+"""Recordings that are mirrored: found by the evidence of each alone, and turned round.
+
+A profile that rises where it should fall may as well be physics, a peak of pressure for one.  So both ways are given
+the same freedom, pressure of any shape included, and the mirrored one must leave next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery.calibration import MISFIT, Fit, solved
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Block, System
+from flashtemp.discovery.nuisances import MODES
+from flashtemp.discovery.prediction import Derivatives, Prediction
+from flashtemp.discovery.problem import CLEARLY, Problem
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import FlashtempError
+
+WAYS = {"mirrored": (2,), "upside down": (1,), "turned by 180 degrees": (1, 2)}
+SURE = 50.0  # ln Bayes factor that a mirrored image needs
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A recording taken as mirrored: `view` set right, `ln_bayes` against the image as told, chi2 per value of both."""
+
+    view: View
+    ln_bayes: float
+    chi2_told: float
+    chi2: float
+
+    @property
+    def words(self) -> str:
+        return f"{self.view.file} is mirrored: leading and trailing end are exchanged"
+
+
+def mirrored(recording: Recording, length: float) -> Recording:
+    """The recording with its ends exchanged: x becomes L - x; behind a block, pixels change order along the road."""
+    T = np.ascontiguousarray(recording.temperature[:, :, ::-1])
+    about = length if recording.view != "wake" else recording.u[0] + recording.u[-1]
+    return replace(recording, temperature=T, u=np.ascontiguousarray((about - recording.u)[::-1]))
+
+
+def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
+    """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
+    found = []
+    for number, alone in _suspicious(problem, data, first):
+        view = next(v for v in problem.conditions[number].views if v.file == alone.block.label)
+        other = _other_way(problem, data, number, view)
+        if other is not None and other.fits_better_than(alone):
+            right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
+            gain = other.ln_evidence - alone.ln_evidence
+            found.append(Turned(right, gain, 1.0 + alone.excess, 1.0 + other.excess))
+    return tuple(found)
+
+
+def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
+    """The problem with other images of some recordings."""
+    by_file = {v.file: v for v in turned}
+
+    def right(views: Sequence[View]) -> tuple[View, ...]:
+        return tuple(by_file.get(v.file, v) for v in views)
+
+    conditions = tuple(replace(c, views=right(c.views)) for c in problem.conditions)
+    return replace(
+        problem, conditions=conditions, campaign=replace(problem.campaign, views=right(problem.campaign.views))
+    )
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """One recording by itself against a model with all its freedom: what is left, chi2 per value less one."""
+
+    block: Block
+    ln_evidence: float
+    excess: float
+
+    def fits_better_than(self, other: _Alone) -> bool:
+        return self.excess < CLEARLY * other.excess and self.ln_evidence > other.ln_evidence + SURE
+
+
+def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, str, float]]:
+    """Every image turned over: its file, the way in words, and the ln Bayes factor of it alone; pixels keep places."""
+    told = {b.label: _alone(problem, b, fit.model) for b in fit.blocks}
+    for words, axes in WAYS.items():
+        views = [
+            replace(v, recording=replace(v.recording, temperature=np.flip(v.recording.temperature, axes)))
+            for v in problem.campaign.views
+            if v.recording.places is None and (v.recording.view == "sidewall" or axes == (2,))
+        ]
+        flipped = with_views(problem, views)
+        files = {v.file for v in views}
+        for block in replace(data, problem=flipped).blocks(fit.predictions):
+            if block.label in files:
+                gain = _alone(problem, block, fit.model).ln_evidence - told[block.label].ln_evidence
+                yield block.label, words, gain
+
+
+def _alone(problem: Problem, block: Block, model: Model) -> _Alone:
+    solution = solved(problem, System([block]), model, {}).solution
+    return _Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
+
+
+def _suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[int, _Alone]]:
+    """Recordings that no calibration explains, with the number of their condition."""
+    views = {v.file for v in problem.campaign.views if v.recording.places is None}
+    for block in data.blocks(first):
+        if block.label in views and not block.held_out:
+            alone = _alone(problem, block, problem.start)
+            if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
+                yield block.condition, alone
+
+
+def _other_way(problem: Problem, data: Data, number: int, view: View) -> _Alone | None:
+    """A recording turned round against its own prediction; None where that cannot be made."""
+    right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
+    condition = replace(problem.conditions[number], views=(right,), forces=())
+    only = replace(
+        problem, conditions=(condition,), pins=(problem.pins[number],),
+        campaign=replace(problem.campaign, views=(right,), forces=()),
+    )  # fmt: skip
+    wanted = Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
+    [made] = problem.run(only.tasks(problem.start, wanted))
+    if isinstance(made, FlashtempError):
+        return None
+    known = Data.begin(only, [made], noises={view.file: data.noises[view.file]})
+    [block] = known.blocks([made])
+    return _alone(only, block, only.start)

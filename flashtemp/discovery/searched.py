@@ -1,0 +1,134 @@
+"""The believed model at its best point, and what a search keeps of everything that it tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from flashtemp.discovery.calibration import FAR, Descent, Fit, Watch, descend
+from flashtemp.discovery.held_keys import HeldKey
+from flashtemp.discovery.hypothesis import Candidate, Model
+from flashtemp.discovery.laboratory import LabError
+from flashtemp.discovery.nuisances import MODES
+from flashtemp.discovery.orientation import Turned, turned_round, with_views
+from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.prediction import Derivatives
+from flashtemp.discovery.problem import Problem, strangers, without
+from flashtemp.discovery.scores import Score
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import BadInput, SolverFailure
+
+NAMED, WEAK = 8.0, 5.0  # ln Bayes factors: of a named cause, and of a hint
+APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
+SIMILAR = 0.4  # of the best score: what is refitted beside it
+HOPELESS = 40.0  # behind the best: a refit goes no further
+IDLE = "ends where it does nothing"  # why a full fit is no rival
+COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
+Ranking = tuple[Score, ...]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The believed model `base` at its best point; `refused` {recording: why it was left out}, `mirrored` recordings
+    that were turned round."""
+
+    problem: Problem
+    data: Data
+    base: Fit
+    refused: dict[str, str]
+    mirrored: tuple[Turned, ...] = ()
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was tried: `base` calibrated, `best` extended, both with traces of all candidates.
+
+    `fits` {effects: fit} of every refit; `ranking` the candidates' scores at the base and at every extension;
+    `refused` {recording: why}; `failed` why the last fit failed that came to nothing; `asked` {effects: ln Bayes factor
+    by trace} of every full fit that was begun, `ended` {effects: why} of those that came to nothing.  Put right beside
+    the effects: `mirrored` recordings, errors of the `laboratory`, the `held_key` that was freed; `keys` held.
+    """
+
+    problem: Problem
+    data: Data
+    refused: dict[str, str]
+    base: Fit
+    best: Fit
+    fits: dict[frozenset[str], Fit]
+    ranking: tuple[Ranking, ...] = ()
+    failed: str = ""
+    asked: dict[frozenset[str], float] = field(default_factory=dict)
+    ended: dict[frozenset[str], str] = field(default_factory=dict)
+    mirrored: tuple[Turned, ...] = ()
+    laboratory: tuple[LabError, ...] = ()
+    held_key: HeldKey | None = None
+    keys: tuple[HeldKey, ...] = ()
+
+    @property
+    def open_ends(self) -> dict[frozenset[str], float]:
+        """Groups of effects that their traces speak for and that no full fit has judged, with ln Bayes factors."""
+        return {
+            names: gain
+            for names, gain in self.asked.items()
+            if gain > NAMED * len(names)
+            and self.ended.get(names) not in (FAR, IDLE)
+            and not (names in self.fits and self.fits[names].usable)
+        }
+
+    @property
+    def extended(self) -> list[Fit]:
+        """Fits that hold more effects than the present best and are near their best point."""
+        return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and f.usable]
+
+    @property
+    def own(self) -> list[Candidate]:
+        """Candidates that the present best holds."""
+        return held(self.problem, self.best.model)
+
+    def start(self, model: Model, effects: Sequence[Candidate], rough: bool = True) -> Descent:
+        return Descent(self.problem, self.data, model, tuple(effects), rough=rough)
+
+
+def held(problem: Problem, model: Model) -> list[Candidate]:
+    """Candidates that a model holds."""
+    return [c for c in problem.tried if c.effect in model.effects]
+
+
+# --- calibration -------------------------------------------------------------------------------------
+def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
+    """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure."""
+    watch("calibrating the model that is believed")
+    model, everything = problem.start, Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
+    first = problem.predictions(problem.tasks(model, everything))
+    refused = strangers(problem, first)
+    if refused:
+        problem, (first,) = without(problem, [first], refused)
+        if not problem.campaign.views:  # load cells alone would find nothing wrong
+            raise BadInput(*(f"{file}: {why}" for file, why in refused.items()))
+    mirrored = turned_round(problem, Data.begin(problem, first), first)
+    if mirrored:
+        problem = with_views(problem, [m.view for m in mirrored])
+        first = problem.predictions(problem.tasks(model, everything))
+    coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
+    data = Data.begin(problem, first, coarse)
+    [end] = descend(problem, [Descent(problem, data, model).take(first)], watch, HOPELESS)
+    if end.fit is None:
+        raise SolverFailure(end.failed)
+    return Calibrated(problem, data, end.fit, refused, mirrored)
+
+
+def traced(
+    problem: Problem, data: Data, fit: Fit, watch: Watch, keys: tuple[ParameterId, ...] = ()
+) -> Fit:  # fmt: skip
+    """A fit with the traces of all candidates, and of `keys` that are held, at its point.
+
+    Raises BadInput, SolverFailure.
+    """
+    watch("traces of the candidate effects")
+    others = tuple(c for c in problem.tried if c.effect not in fit.model.effects)
+    descent = Descent(
+        problem, data, fit.model, tuple(held(problem, fit.model)), Derivatives(candidates=others, held=keys)
+    )
+    found = descent.take(problem.predictions(descent.tasks())).fit
+    assert found is not None  # a first step never goes back
+    return found

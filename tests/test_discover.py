@@ -288,7 +288,8 @@ def check_parameter(found, effect):
 def test_an_effect_is_found(found, name):
     """One effect that can be seen clearly is the only cause, or in the group of causes that look alike."""
     now, [effect] = found(name), ONE[name].effects
-    assert now.z[effect] >= CLEAR
+    gained = max([c["ln_bayes"] for c in now.causes if c["effect"] == effect], default=0.0)
+    assert max(now.z[effect], np.sqrt(2.0 * max(gained, 0.0))) >= CLEAR  # by its trace, or by its evidence
     if name in ALIKE:  # only the load differs, and what hardly answers to it looks the same
         assert now.verdict == "group"
         assert effect in now.group

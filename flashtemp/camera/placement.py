@@ -110,7 +110,17 @@ def turned(
     )
     if kept is not None:
         kept[key] = lines, columns
-    return (columns @ (lines @ values.reshape(len(values), -1).T)).T.reshape(len(values), len(v), len(u))
+    image = (columns @ (lines @ values.reshape(len(values), -1).T)).T.reshape(len(values), len(v), len(u))
+    return image + sin / cos * _skewed(image, (u, v), optics[1])
+
+
+def _skewed(image: Any, centres: tuple[Any, Any], optics: Any) -> Any:
+    """What is lost because pixels look along sheared lines, per unit of shear: their variance times d2T/du dv."""
+    u, v = (np.real(c) for c in centres)
+    if min(len(u), len(v)) < 2:
+        return np.zeros_like(image)
+    variance = optics[1] ** 2 + optics[0] ** 2 / 12.0
+    return variance * np.gradient(np.gradient(image, u, axis=2), v, axis=1)
 
 
 def _sparse(at: Any, nodes: Any, optics: Any, column: Any, size: int) -> Any:

@@ -1,0 +1,301 @@
+"""Errors of the laboratory: images turned, scaled and mirrored, keys held wrongly, and fits that must not wander."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.camera.geometry import _interpolated
+from flashtemp.camera.observation import pixel_weights
+from flashtemp.camera.placement import Place, arms, turned
+from flashtemp.camera.radiometry import LONG_WAVE
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery import discover, prediction
+from flashtemp.discovery.calibration import BACK, TRIES, Descent
+from flashtemp.discovery.hypothesis import Model, candidates
+from flashtemp.discovery.linear_gaussian import Block
+from flashtemp.discovery.orientation import mirrored
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.searched import Search, calibrate
+from flashtemp.model.case import load
+from flashtemp.runs.workers import crew
+
+TINY = {
+    "block.height": 0.005, "schedule.distance": 0.3, "road.track_length": 0.3, "numerics.mesh": 0.4,
+    "output.profiles": 20,
+}  # fmt: skip
+PITCH, WIDTH = 2.5e-4, 0.7 * 2.5e-4
+U, V = np.arange(-1e-3, 0.026, PITCH), np.arange(-1e-3, 0.008, PITCH)
+MIDDLE = 0.0125
+
+
+# --- an image that is turned or scaled ----------------------------------------------------------------------
+def bump(x, z, w=1.5e-3):
+    """A round hill of width w about a point of the wall."""
+    return np.exp(-0.5 * ((x - 0.018) ** 2 + (z - 0.003) ** 2) / w**2)
+
+
+def seen_turned(degrees):
+    along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
+    field = bump(along[None], up[:, None])[None]
+    optics = ((PITCH, WIDTH), (PITCH, WIDTH))
+    return turned(field, (along, up), (U, V), optics, Place(turn=np.radians(degrees)), MIDDLE)[0]
+
+
+@pytest.mark.parametrize("degrees", [1e-9, 0.3, 1.0, -5.0])
+def test_a_turned_image_shows_a_round_hill_where_it_lies(degrees):
+    """A hill that is a Gaussian, seen through a Gaussian, is a wider and lower one: whatever the turn, exactly."""
+    a = np.radians(degrees)
+    x = MIDDLE + (U[None] - MIDDLE) * np.cos(a) - V[:, None] * np.sin(a)
+    z = (U[None] - MIDDLE) * np.sin(a) + V[:, None] * np.cos(a)
+    w2 = 1.5e-3**2 + WIDTH**2 + PITCH**2 / 12.0  # a box is as wide as a Gaussian of its second moment, to 2e-5 here
+    wanted = 1.5e-3**2 / w2 * np.exp(-0.5 * ((x - 0.018) ** 2 + (z - 0.003) ** 2) / w2)
+    near = (abs(x - 0.018) < 5e-3) & (z > 1e-3) & (z < 6e-3)
+    assert near.sum() > 400
+    second = a**2 * (w2 / 1.5e-3**2 - 1.0)  # what two shears leave of the optics, over the hill's own curvature
+    np.testing.assert_allclose(seen_turned(degrees)[near], wanted[near], atol=1e-4 + second)
+
+
+def test_columns_of_scale_and_turn_are_differences_of_images():
+    u, v = U, V
+    blank = Recording("sidewall", np.full((1, len(v), len(u)), 20.0), np.ones(1), np.ones(1, int), u, v)
+    su, sv, tu, tv = arms(blank, 2 * MIDDLE)
+    along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
+    field = bump(along[None], up[:, None])
+
+    def image(u, v, pitch=PITCH):
+        return pixel_weights(v, pitch, WIDTH, up) @ field @ pixel_weights(u, pitch, WIDTH, along).T
+
+    step = 1e-6
+    Du = (image(u + step, v) - image(u - step, v)) / (2 * step) * PITCH
+    Dv = (image(u, v + step) - image(u, v - step)) / (2 * step) * PITCH
+    near = np.ix_((v > 1e-3) & (v < 6e-3), (u > 0.012) & (u < 0.024))
+    scaled = (image(u * 1.0005, v * 1.0005) - image(u * 0.9995, v * 0.9995)) / 1e-3
+    np.testing.assert_allclose((su * Du + sv * Dv)[near], scaled[near], atol=2e-3 * abs(scaled).max())
+    turn = (seen_turned(0.03) - seen_turned(-0.03)) / np.radians(0.06)
+    np.testing.assert_allclose((tu * Du + tv * Dv)[near], turn[near], atol=2e-3 * abs(turn).max())
+
+
+def test_a_mirrored_recording_is_its_own_mirror():
+    T = np.random.default_rng(1).normal(size=(2, 3, 5)) + 20.0
+    r = Recording(
+        "sidewall", T, np.arange(1.0, 3.0), np.ones(2, int), np.array([0, 1, 2, 3, 4.5]) * 1e-3, np.arange(3.0)
+    )
+    back = mirrored(mirrored(r, 0.01), 0.01)
+    np.testing.assert_array_equal(back.temperature, T)
+    np.testing.assert_allclose(back.u, r.u, atol=1e-15)
+    once = mirrored(r, 0.01)
+    assert once.u[0] == pytest.approx(5.5e-3)  # what was told at 4.5 mm of 10
+    np.testing.assert_array_equal(once.temperature[..., 0], T[..., -1])
+
+
+# --- a small campaign, altered ------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    """One condition, side wall only, nothing hidden."""
+    folder = tmp_path_factory.mktemp("tiny")
+    (folder / "case.toml").write_text("")
+    return campaign.load(twin(load(folder / "case.toml", TINY), Plan((), 41, 1, ("sidewall",), 3), folder / "lab"))
+
+
+def altered(told, change):
+    [view] = told.views
+    return replace(told, views=(replace(view, recording=change(view.recording)),))
+
+
+def calibrated(told):
+    with crew(prediction.predict, 1) as run:
+        return calibrate(prepare(told, run))
+
+
+def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
+    """Both at once: pixels told 0.8 % too large, and the ends exchanged."""
+
+    def worse(r):
+        return mirrored(replace(r, u=r.u * 1.008, v=r.v * 1.008), 0.025)
+
+    found = calibrated(altered(tiny, worse))
+    assert [t.view.file for t in found.mirrored] == ["condition1_sidewall.nc"]
+    base, p = found.base, ParameterId(Kind.SCALE, file="condition1_sidewall.nc")
+    assert base.converged
+    scale = base.model.places[p.file].scale + base.solution[p]
+    assert abs(scale - (1.0 / 1.008 - 1.0)) < 4.0 * base.solution.sd(p)
+    assert base.solution.sd(p) < 3e-3  # the data know it
+    assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
+
+
+# --- priors that a campaign states ----------------------------------------------------------------------------
+def test_a_campaign_states_what_is_known_of_its_free_keys(tiny):
+    told = replace(tiny, free=("contact.spot_fraction", "friction.mu"), priors={"contact.spot_fraction": 0.33})
+    with crew(prediction.predict, 1) as run:
+        priors = prepare(told, run).priors
+    assert priors == {ParameterId.of_key("contact.spot_fraction"): 0.33, ParameterId.of_key("friction.mu"): 0.1}
+
+
+# --- fits that must not wander --------------------------------------------------------------------------------
+class Curve:
+    """One value that a camera shows as 2000 arctan(offset - 0.5) sigma: plain Gauss-Newton steps from 3 end ever farther."""
+
+    def __init__(self, noise=0.0):
+        self.asked, self.noise = [], noise
+
+    def blocks(self, predictions):
+        [model] = predictions
+        now = model.effects["camera_offset"]["offset"]
+        self.asked.append(now)
+        left, p = now - 0.5, ParameterId.of_effect("camera_offset", "offset")
+        wobble = self.noise * (-1.0) ** len(self.asked)
+        r = -2000.0 * np.arctan([left]) + wobble
+        slope = np.array([[2000.0 / (1.0 + left**2)]])
+        return [Block("a", 0, False, r, slope, ((p, 0),), np.zeros((1, 0)), np.zeros((0, 0)))]
+
+
+def descended(curve, tmp_path, start):
+    (tmp_path / "case.toml").write_text("")
+    case = load(tmp_path / "case.toml")
+    [offset] = candidates(case, ("camera_offset",))[0]
+    offset = replace(offset, strengths={"offset": 1.0})
+    nothing = SimpleNamespace(views=(), free=())
+    problem = SimpleNamespace(case=case, priors={}, free=(), campaign=nothing, loose=frozenset())
+    now = Descent(problem, curve, Model({}, {"camera_offset": {"offset": start, "drift": 0.0}}), (offset,), rough=False)
+    while not now.done:
+        now = now.take([now.model])
+    return now
+
+
+def test_a_fit_that_overshoots_comes_back_and_ends(tmp_path):
+    curve = Curve()
+    end = descended(curve, tmp_path, 4.0)
+    assert end.fit.converged
+    assert end.fit.model.effects["camera_offset"]["offset"] == pytest.approx(0.5, abs=1e-3)
+    assert len(curve.asked) <= TRIES + BACK
+
+
+def test_a_fit_keeps_its_best_point_and_its_steps_are_counted(tmp_path, monkeypatch):
+    """A response that jumps about never comes to rest: it ends all the same, at the best of the points it saw."""
+    curve = Curve(noise=300.0)
+    end = descended(curve, tmp_path, 4.0)
+    assert len(curve.asked) <= TRIES + BACK
+    kept = end.fit.model.effects["camera_offset"]["offset"]
+    assert end.best.fit is end.fit
+    assert abs(kept - 0.5) <= min(abs(a - 0.5) for a in curve.asked) + 0.2
+
+
+# --- what is not judged is not called needless ----------------------------------------------------------------
+def open_search(gain, **changes):
+    fits = changes.pop("fits", {})
+    base = SimpleNamespace(converged=True, ln_evidence=0.0, model=Model())
+    empty = Search(None, None, {}, base, base, fits, asked={frozenset({"edge_pressure"}): gain}, **changes)
+    return discover._honest("none_needed", empty, False)
+
+
+def test_none_is_needed_only_where_every_trace_was_judged():
+    assert open_search(228.0) == "unexplained"  # no full fit of it came to an end
+    assert open_search(7.0) == "none_needed"
+    judged = {frozenset({"edge_pressure"}): SimpleNamespace(usable=True, converged=True)}
+    assert open_search(228.0, fits=judged) == "none_needed"  # its full fit says that it is nothing
+    wandering = {frozenset({"edge_pressure"}): SimpleNamespace(usable=False, converged=False)}
+    assert open_search(228.0, fits=wandering) == "unexplained"
+
+
+# --- whole campaigns (long) -----------------------------------------------------------------------------------
+SMALL = {
+    "schedule.repetitions": 2, "schedule.distance": 0.6, "schedule.wait": 8.0, "road.track_length": 0.6,
+    "numerics.mesh": 0.6,
+}  # fmt: skip
+
+
+def made(folder, seed, hidden=(), **more):
+    (folder / "case.toml").write_text("")
+    given = SMALL | ({"effects": list(hidden)} if hidden else {}) | more
+    return twin(load(folder / "case.toml", given), Plan(tuple(hidden), seed, conditions=2, sliding=3), folder / "lab")
+
+
+def rewritten(lab, change, view="sidewall"):
+    for file in lab.glob(f"*_{view}.nc"):
+        r = change(Recording_load(file))
+        file.unlink()
+        r.save(file)
+
+
+def Recording_load(file):
+    from flashtemp.camera import recording
+
+    return recording.load(file)
+
+
+def judged(lab):
+    return discover.discover(campaign.load(lab), workers=1)[0]
+
+
+def turn_image(degrees):
+    """The image as a camera would give it that hangs askew by that much."""
+
+    def change(r):
+        a, (U, V) = np.radians(degrees), np.meshgrid(r.u, r.v)
+        x = MIDDLE + (U - MIDDLE) * np.cos(a) - V * np.sin(a)
+        z = (U - MIDDLE) * np.sin(a) + V * np.cos(a)
+        wanted = np.stack([(x - r.u[0]) / r.pitch[0], (z - r.v[0]) / r.pitch[1]], -1)
+        return replace(r, temperature=np.stack([_interpolated(T, wanted, LONG_WAVE) for T in r.temperature]))
+
+    return change
+
+
+@pytest.mark.long
+def test_a_wrong_scale_or_turn_is_never_taken_for_physics(tmp_path):
+    lab = made(tmp_path, 11)
+    for n, (change, name, size) in enumerate([
+        (lambda r: replace(r, u=r.u * 1.01, v=r.v * 1.01), "pixel_scale", -0.0099),
+        (turn_image(1.0), "image_turn", 1.0),
+    ]):  # fmt: skip
+        other = shutil.copytree(lab, tmp_path / f"lab{n}")
+        rewritten(other, change)
+        v = judged(other)
+        assert v.kind == "none_needed", v.says
+        found = [f for f in v.laboratory if f.name == name and "sidewall" in f.words]
+        assert len(found) == 2
+        assert all(abs(f.value - size) < 4.0 * f.stderr for f in found)
+
+
+@pytest.mark.long
+def test_an_error_far_beyond_what_is_usual_is_named(tmp_path):
+    lab = made(tmp_path, 11)
+    rewritten(lab, lambda r: replace(r, u=r.u * 1.06, v=r.v * 1.06))
+    v = judged(lab)
+    assert v.kind == "named", v.says
+    assert {c.effect for c in v.causes} == {"pixel_scale"}
+    assert all(c.laboratory for c in v.causes)
+    assert "side walls" in v.says[0] or "sidewall" in v.says[0]
+    assert v.as_dict()["extended_case"] is None
+
+
+@pytest.mark.long
+def test_a_shorter_block_is_never_taken_for_physics(tmp_path):
+    lab = made(tmp_path, 12, **{"block.length": 0.0248})
+    text = (lab / "case.toml").read_text()
+    (lab / "case.toml").write_text(text.replace("length = 0.0248", "length = 0.025"))
+    v = judged(lab)
+    assert v.kind == "none_needed", v.says
+
+
+@pytest.mark.long
+def test_friction_held_at_a_wrong_value_is_said_first(tmp_path):
+    lab = made(tmp_path, 13, **{"friction.mu": 1.0})
+    text = (lab / "case.toml").read_text()
+    (lab / "case.toml").write_text(text.replace("mu = 1.0", "mu = 0.8", 1))
+    text = (lab / "campaign.toml").read_text()
+    (lab / "campaign.toml").write_text(text.replace('    "friction.mu",\n', ""))
+    v = judged(lab)
+    assert v.kind == "held_key", v.says
+    assert v.held_key.key == "friction.mu"
+    assert v.says[0].startswith("A key that was held")
+    assert v.held_key.freed
+    assert v.as_dict()["extended_case"] == "extended.toml"
+    assert abs(v.held_key.value / 1.0956 - 1.0) < 0.06  # drawn by seed 13

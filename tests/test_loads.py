@@ -174,6 +174,8 @@ def test_command(tmp_path, capsys):
     assert set(told["ln_shares"]) == set(NAMES)
     assert told["leading"] == max(NAMES, key=lambda n: abs(told["ln_shares"][n][0]))
     assert told["values"]["softening"] == 0.4
+    assert [s["over"] for s in told["signs"]] == ["T", "p"]
+    assert "persson_friction.shear_stress" in {f["key"] for f in told["signs"][0]["flips"]}
     assert sorted(p.name for p in out.iterdir()) == ["case.toml", "loads.csv", "loads.json", "loads.png"]
     with (out / "loads.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from flashtemp.api.inputs import Count, Overrides, case_of, uncounted
 from flashtemp.api.pictures import AGAIN, drawing
 from flashtemp.errors import BadInput
+from flashtemp.model import priors
 from flashtemp.model.case import Case
 from flashtemp.physics.friction.contact_map import Spots
-from flashtemp.runs import area_study, friction_study, load_dependence, rolling
+from flashtemp.runs import area_study, friction_study, load_dependence, rolling, sign_of_friction
 from flashtemp.runs import road as roads
 from flashtemp.runs.area_study import AreaStudy
 from flashtemp.runs.folders import wanted
@@ -83,6 +85,8 @@ def loads(
     load_dependence.refuse_values("--speeds", speeds, 1)
     with wanted(out) as work:
         found = load_dependence.attribute(loaded, pressures, speeds, workers, watch)
+        turns = [s for s in sign_of_friction.signs(loaded, priors.inputs(loaded)[0]) if s.over in "Tp"]
+        found = replace(found, signs=tuple(turns))
         if work is not None:
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
             write_json(found.as_dict(), work / "loads.json")

@@ -108,7 +108,7 @@ class Loads(Shown):
 
     `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried beside
     them, one at a time, with typical values.  `mu` {processes: mu} of every set of them; `other` heating alone under
-    the other law of the contact fraction, which is `law`.
+    the other law of the contact fraction, which is `law`.  `signs` (`sign_of_friction.Sign`) say what of it may turn.
     """
 
     title: str
@@ -119,6 +119,7 @@ class Loads(Shown):
     mu: dict[Names, np.ndarray]
     other: np.ndarray
     law: str
+    signs: tuple[Any, ...] = ()
 
     @property
     def none(self) -> np.ndarray:
@@ -199,6 +200,7 @@ class Loads(Shown):
             "ln_alone": {n: v.tolist() for n, v in self.own().items()},
             "ln_together": {" + ".join(some): v.tolist() for some, v in self.together().items()},
             "words": {p.name: p.words for p in PROCESSES}, "mu": plain | sets,
+            "signs": [s.as_dict() for s in self.signs],
         }  # fmt: skip
 
     def save(self, file: Path) -> None:
@@ -235,6 +237,7 @@ class Loads(Shown):
             if p.name not in self.acting:
                 found = ", ".join(map(_percent, shares[p.name]))
                 lines.append(f"  Not in the case: if {p.words} ({p.key} = {self.values[p.name]}), {found}.")
+        lines += [f"  At one temperature: {s}." if s.over == "p" else f"  Heating: {s}." for s in self.signs]
         return "\n".join(lines)
 
     def sheet(self) -> Sheet:
@@ -246,6 +249,7 @@ class Loads(Shown):
             for i, v in enumerate(self.speed)
         ]  # fmt: skip
         tried = [f"{n} is not in the case: tried with a typical value" for n in NAMES if n not in self.acting]
+        tried += map(str, self.signs)
         return Sheet(f"Friction over load '{self.title}', contact fraction {self.law}", rows, head, tried)
 
 

@@ -1,6 +1,7 @@
 """Blind benchmark of `discover` on campaigns of the independent laboratory in tests/truth, counted honestly.
 
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
+    python benchmarks/independent.py run 900 920 fixed.jsonl small the fixed set of the tests: shorter, fewer candidates
     python benchmarks/independent.py table found.jsonl
 
 Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
@@ -26,41 +27,45 @@ TYPICAL = {  # parameter that is drawn, and a size that nobody would miss
     "pressure_tilt": ("a", 0.3), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
     "conductivity_slope": ("block", 0.008), "ambient_drift": ("rate", 0.01), "conductance_speed": ("resistance", 2e-5),
     "interface_resistance": ("resistance", 2e-5), "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0),
-    "track_memory": ("strength", 1.0), "time_lag": ("lag", 0.15),
+    "track_memory": ("strength", 1.0), "time_lag": ("lag", -0.1),
 }  # fmt: skip
+FEW = ("pressure_tilt", "friction_softening", "conductivity_slope", "ambient_drift", "interface_resistance", "time_lag")
 FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws that the catalogue does not hold
 LABORATORY = {"larger": 0.025, "turned": 0.035, "length": 6e-4, "mirrored": True}  # errors beyond what is usual
 KINDS = {"null": 0.3, "single": 0.45, "foreign": 0.125, "laboratory": 0.125}
 BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
 
 
-def draw(seed: int) -> dict:
+def draw(seed: int, small: bool = False) -> dict:
     """What is hidden under a seed."""
     rng = np.random.default_rng([seed, 177])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     pools: dict = {"null": {}, "single": TYPICAL, "foreign": FOREIGN, "laboratory": LABORATORY}
     pool = pools[kind]
+    if small and kind == "single":
+        pool = {k: TYPICAL[k] for k in FEW}
     name = str(rng.choice(sorted(pool))) if pool else ""
     size = float(np.exp(rng.uniform(np.log(0.08), np.log(1.5))))
     return {"seed": seed, "kind": kind, "hidden": name, "size": size}
 
 
-def one(seed: int) -> dict:
+def one(seed: int, small: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery import discover
 
-    plan, began = draw(seed), time.process_time()
+    plan, began = draw(seed, small), time.process_time()
     name, kind = plan["hidden"], plan["kind"]
     hidden = {name: plan["size"] * TYPICAL[name][1]} if kind == "single" else {}
     hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
     beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
-        truth = laboratory.campaign(folder, hidden, seed, beyond=beyond)
+        test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme(columns=60)
+        truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
-        loaded = replace(campaign.load(folder), candidates=tuple(TYPICAL))
+        loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
         verdict, search = discover.discover(loaded, workers=1)
     found = _record(verdict, search, plan, hidden)
     return (
@@ -89,16 +94,16 @@ def _record(verdict, search, plan: dict, hidden: dict) -> dict:
     }  # fmt: skip
 
 
-def run(first: int, last: int, file: Path) -> None:
+def run(first: int, last: int, file: Path, small: bool = False) -> None:
     """All seeds first..last-1 that the file does not hold yet, one after the other."""
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed in done:
             continue
         try:
-            found = one(seed)
+            found = one(seed, small)
         except Exception:  # a failure is a result too
-            found = draw(seed) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+            found = draw(seed, small) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
         with file.open("a") as out:
             out.write(json.dumps(found, default=float) + "\n")
         named = [c["effect"] for c in found.get("causes", [])]
@@ -150,6 +155,6 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "run":
-        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), sys.argv[5:6] == ["small"])
     else:
         table(Path(sys.argv[2]))

@@ -87,4 +87,4 @@ def test_a_cause_above_the_floor_is_named_and_its_interval_holds(tmp_path):
     low, high = cause.parameters[0].ci95
     assert cause.effect == "friction_softening"
     assert low < 0.006 < high
-    assert found.gain["changed_K"] > 0.01
+    assert found.gain["share"] > floor.LEAST

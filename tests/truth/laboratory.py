@@ -17,7 +17,7 @@ AIR, NETD, CELL = 20.0, 0.05, 0.005
 PITCH = {"sidewall": 2.5e-4, "wake": 5e-4}
 BEHIND = 0.03  # m of road that is seen
 CONDITIONS = ((1.5e5, 0.1), (0.75e5, 0.3))  # Pa, m/s
-TAKEN = (0.2, 0.55, 0.97)  # shares of a repetition at which frames are taken
+TAKEN = (0.2, 0.55, 0.94)  # shares of a repetition at which frames are taken, the last before the block meets its start
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class World:
         """m2 K/W of what lies in the contact."""
         h = self.hidden
         out = h("interface_resistance") + h("conductance_speed") * (self.speed / 0.1) ** -0.5
-        return out + h("third_body") * slid
+        return out + h("third_body") * slid / self.test.distance
 
     @property
     def sides(self):
@@ -169,29 +169,31 @@ def live(world, asked):
     flash = 1.0
     s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((BEHIND + 3e-3) / p.dx))
     dt, steps = p.dx / world.speed, round(test.distance / p.dx)
-    t, moments, times, cell, passed = 0.0, [], [], [], {}
+    t, moments, times, cell, passes = 0.0, [], [], [], []
     films = (world.convection + world.sides, world.sides)
-    load = world.shape * world.pressure
+    load, columns = world.shape * world.pressure, np.arange(p.columns)
     for r in range(1, test.repetitions + 1):
         s.lift()
-        begin, spot = t, s.face + AIR
+        begin, spot, left = t, s.face + AIR, np.zeros((2, steps + 1 - p.columns))
         at = {round(share * steps): share for share in asked[r, True]}
         for k in range(1, steps + 1):
             slid = (r - 1) * test.distance + k * p.dx
             mu = world.friction(spot, slid) * (1.0 + world.scatter[r - 1])
             t = begin + k * dt
-            warm = world.air(t) + _carried(world, passed, k, t)
+            warm = world.air(t) + _carried(world, passes, k - columns, t)
             heat = mu * load * world.speed / world.fraction
             _, _, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
             spot = rise + AIR
             if k > p.columns:
-                passed[k - p.columns] = s.left(), t
+                left[:, k - p.columns] = s.left(), t
             if k % max(steps // 100, 1) == 0:
                 times.append(t)
                 cell.append(float(mu @ load / load.sum()))
             if k in at:
-                places, wake = s.wake(world.convection, 0.0)
-                moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + world.air(t))))
+                places, wake = s.wake(world.convection)
+                before = _carried(world, passes, k - p.columns - np.arange(s.behind), t)
+                moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + before + world.air(t))))
+        passes.append(left)
         if r < test.repetitions:
             moments += _rest(world, s, t, r, asked.get((r, False), ()))
             t += test.wait
@@ -210,16 +212,16 @@ def _rest(world, s, begin, r, shares):
     return out
 
 
-def _carried(world, passed, k, t):
-    """Rise (columns,) K of the road that comes round the track again."""
-    share, n = world.hidden("track_memory"), world.pair.columns
-    if not share or not passed:
-        return 0.0
-    place = np.clip(k - np.arange(n), 1, max(passed))
-    heat, then = (np.array([passed[i][j] for i in place]) for j in (0, 1))
-    old = t - then > 0.5 * world.test.wait
-    age = np.where(old, t - then, 1.0)
-    return np.where(old, share * world.fraction * impulse(heat, age, world.pair, world.convection), 0.0)
+def _carried(world, passes, place, t):
+    """Rise (places,) K of road `place` columns along the track that earlier repetitions have warmed: `passes` of each,
+    by place the heat that it left (J/m2 of lane) and when."""
+    share, out = world.hidden("track_memory"), np.zeros(len(place))
+    if not share:
+        return out
+    for heat, then in passes:  # road that was under the block when it was lifted is what passed it last
+        at = np.where((place >= 1) & (place < len(heat)), place, len(heat) - 1)
+        out += share * world.fraction * impulse(heat[at], t - then[at], world.pair, world.convection)
+    return out
 
 
 # --- what is handed over -------------------------------------------------------------------------------

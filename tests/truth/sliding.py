@@ -244,7 +244,7 @@ class Sliding:
         return self.flash * (1.0 - self.fraction.mean()) * out
 
     # --- the road behind ------------------------------------------------------------------------------------
-    def wake(self, film=0.0, air=0.0):
+    def wake(self, film=0.0):
         """Places (m, from the trailing edge) and rise (places,) of the road behind, mean of lanes and the rest.
 
         All lanes and the road between them hold what the lanes took; what the air takes is small and counted once.
@@ -262,7 +262,7 @@ class Sliding:
         weight = weight + np.where(c < n - 1, w1[age - 1], leave[age - 1])
         rise = self.fraction.mean() * np.einsum("ij,ij->i", self.received[rows], weight)
         under = w0 + np.concatenate([[0.0], w1[:-1]])
-        lost = film * np.array([under[k::-1][: k + 1] @ (rise - air)[: k + 1] for k in range(self.behind)])
+        lost = film * np.array([under[k::-1][: k + 1] @ rise[: k + 1] for k in range(self.behind)])
         return (i + 0.5) * p.dx - p.length, rise - lost
 
     def left(self):

@@ -51,7 +51,7 @@ def test_gain_names_only_what_is_seen():
     good = Gain("a.nc", 0.05, 0.01, 50.0, (0.06, 0.055), 1)
     assert good.allowed("named") == "named"
     assert good.says == ()
-    for bad in (replace(good, share=5e-4), replace(good, beyond_floor=7.0), replace(good, left_out_K=(0.06, 0.061))):
+    for bad in (replace(good, share=5e-4), replace(good, beyond_floor=7.0), replace(good, left_out_K=(0.06, 0.0605))):
         assert bad.allowed("named") == "weak"
         assert len(bad.says) == 1
         assert bad.allowed("unexplained") == "unexplained"

@@ -39,9 +39,10 @@ class Gain:
 
     @property
     def predicts(self) -> bool:
-        """Whether data left out are no farther from it in kelvin."""
+        """Whether data left out are no farther from it than a model may err; noise makes most of their distance."""
         before, after = self.left_out_K
-        return not after > before
+        rise = self.changed_K / max(self.share, 1e-12)
+        return bool(max(after**2 - before**2, 0.0) <= (LEAST * rise) ** 2)
 
     @property
     def says(self) -> tuple[str, ...]:

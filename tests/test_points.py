@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import flashtemp
 from flashtemp.camera import recording
 from flashtemp.camera.point_observation import asked, delayed
 from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
+from flashtemp.comparison.twin import SEALED
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
@@ -208,3 +213,38 @@ def test_campaigns_refuse_points_that_do_not_fit(tmp_path, entry, said):
     with pytest.raises(BadInput) as fault:
         compare(campaign.load(tmp_path))
     assert said in str(fault.value)
+
+
+@pytest.mark.long
+def test_a_twin_of_thermocouples_gives_its_slope_and_its_beads_back(tmp_path):
+    """Beads up to 1 mm from where they are said to be (0.3 mm known), conductivity 4 % off: both come back."""
+    effects = "[driven_faces]\nface = [[0.0, 20.0], [100.0, 400.0]]\nback = [[0.0, 20.0], [300.0, 100.0]]\n"
+    case = load(write(tmp_path, ["driven_faces"], effects), {"numerics.cells": [3, 30, 3], "numerics.rtol": 1e-4})
+    beads = [
+        {"name": n, "x": 0.02, "z": z, "place_sigma_m": 3e-4} for n, z in (("a", 0.003), ("b", 0.006), ("c", 0.009))
+    ]
+    made = flashtemp.twin(
+        case, hide=["conductivity_slope"], seed=3, out=tmp_path / "twin", conditions=1, views=["points"], points=beads
+    )
+    truth = json.loads((tmp_path / "twin" / SEALED).read_text())
+    found = flashtemp.discover(replace(made.campaign(), candidates=("conductivity_slope", "capacity_slope")), workers=1)
+    assert [c.effect for c in found.causes] == ["conductivity_slope"]
+    hidden = truth["hidden"]["conductivity_slope"]["block"]
+    [slope] = [p for p in found.causes[0].parameters if p.name.endswith("block")]
+    assert abs(slope.value - hidden) < 0.02 * abs(hidden)
+
+
+def test_the_next_thermocouple_belongs_where_the_unknown_heat_goes(tmp_path):
+    """Face held, back insulated: what leaves through the back is seen best at the back."""
+    case = write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\n")
+    case.write_text(case.read_text().replace("4, 80, 4", "3, 20, 3").replace("1e-6", "1e-4"))
+    (tmp_path / "campaign.toml").write_text(
+        'case = "case.toml"\nfree = ["materials.board.conductivity"]\ncandidates = ["holder_sink"]\n'
+        '[[recording]]\nview = "points"\npoints = [{ x = 0.025, z = 0.002 }]\nsigma_K = 0.1\n'
+    )
+    outlook = flashtemp.plan(tmp_path, workers=1)
+    best = outlook.sensors[0]
+    assert best.words == "at x = 25 mm, z = 11.2 mm"  # the node nearest the back
+    assert best.z_left["holder_sink"] > 2.0 * outlook.sensors[-1].z_left["holder_sink"]
+    assert "next thermocouple at x = 25 mm, z = 11.2 mm" in str(outlook)
+    assert not outlook.experiments or all("speed" not in e.words for e in outlook.experiments)

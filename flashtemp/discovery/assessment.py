@@ -298,6 +298,8 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
         elif p.kind in OF_THE_LABORATORY:
             unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
             other.append(Pull(called(p), fit.model.placed(p) + step, sd, away[p], unit))
+        elif p.kind is Kind.PLACE:
+            other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], "m"))
         elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR):
             other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))

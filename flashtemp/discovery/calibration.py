@@ -269,7 +269,7 @@ class Descent:
         """Whether a parameter is no mere column: scale and turn of an image are, as long as no pixel goes far."""
         if p.kind in PLACED:
             return bool(p.file) and abs(step) > FAINT
-        return p.kind is Kind.KEY or p.kind in SHIFTS or p in self.priors
+        return p.kind in (Kind.KEY, Kind.PLACE) or p.kind in SHIFTS or p in self.priors
 
     def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:
         """The model after steps from a fit, none too long and none across a bound."""
@@ -280,7 +280,7 @@ class Descent:
                 shift = list(model.shift(p.file))
                 shift[p.axis] += float(np.clip(step, -1.0, 1.0))
                 model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
-            elif p.kind is Kind.KEY or p.kind in PLACED:
+            elif p.kind in (Kind.KEY, Kind.PLACE) or p.kind in PLACED:
                 model = model.moved(p, step)
             else:
                 strength = self._strength(p, model)

@@ -43,12 +43,14 @@ def within(param: Param, value: float) -> float:
 @dataclass(frozen=True)
 class Model:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
-    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale and turn."""
+    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale and turn; `beads` (m): by
+    which points lie elsewhere along an axis."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     places: dict[str, Place] = field(default_factory=dict)
+    beads: dict[ParameterId, float] = field(default_factory=dict)
 
     def on(self, case: Case) -> Case:
         """The case at this point.  Raises BadInput."""
@@ -84,6 +86,8 @@ class Model:
 
     def moved(self, p: ParameterId, step: float) -> Model:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
+        if p.kind is Kind.PLACE:
+            return replace(self, beads=self.beads | {p: self.beads.get(p, 0.0) + step})
         if p.kind in PLACED:
             there = replace(self.place(p.file), **{p.kind.value: self.placed(p) + step})
             return replace(self, places=self.places | {p.file: there})

@@ -69,7 +69,7 @@ def nuisances(
         elif p.kind in SHIFTS:
             out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
         elif p.kind is Kind.PLACE:
-            out[p] = (0.0, places[p])
+            out[p] = (-model.beads.get(p, 0.0), places[p])
         elif p.kind in OF_THE_LABORATORY:
             if p.file or p.kind is Kind.SIZE or p in problem.loose:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))

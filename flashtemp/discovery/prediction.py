@@ -15,11 +15,12 @@ import numpy.typing as npt
 
 from flashtemp.camera.observation import observe
 from flashtemp.camera.placement import Kept, arms
+from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
 from flashtemp.discovery.deviations import with_mode, with_scatter
 from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
-from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL, SHIFTS, Kind, ParameterId
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.effect import Effect, Param
@@ -205,7 +206,7 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
 
 # --- what instruments show ------------------------------------------------------------------------------------
 def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
-    recording, scene, asked = view.recording, point.scene, point.task.derivatives
+    recording, scene, asked = _where_it_is(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     kept: Kept = {}
 
@@ -293,6 +294,17 @@ def _places(see: Callable[..., Array], recording: Any) -> Columns:
             ahead, behind = (see(recording=replace(recording, places=places.moved(name, s, i))) for s in (step, -step))
             out[placed(places.names[i], int(i), axis)] = (ahead - behind) / (2.0 * step)
     return out
+
+
+def _where_it_is(view: View, model: Model) -> Recording:
+    """The recording with its points where the model has them."""
+    recording = view.recording
+    for i, name in enumerate(recording.places.names if recording.places is not None and model.beads else ()):
+        for axis, along in enumerate("xyz"):
+            step = model.beads.get(placed(name, i, axis).within(ALL, view.file), 0.0)
+            if step and recording.places is not None:
+                recording = replace(recording, places=recording.places.moved(along, step, i))
+    return recording
 
 
 def placed(name: str, number: int, axis: int) -> ParameterId:

@@ -28,6 +28,9 @@ def called(p: ParameterId) -> str:
     >>> called(ParameterId(Kind.MAP, (1, 0), file="day 2/wall.nc")), called(ParameterId(Kind.LEVEL, condition=1))
     ('gain map of wall.nc (1, 0)', 'friction of condition 2')
     """
+    if p.kind is Kind.PLACE:
+        point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
+        return f"place of point {point} along {'xyz'[p.index[-1]]}"
     where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""
     return f"{CALLED.get(p.kind, p.kind)} {where}{number}".strip()

@@ -124,7 +124,7 @@ def outcome(r: dict) -> str:
         return r["verdict"]
     if not physics:
         return "laboratory"
-    return "right" if physics == truth else "extra" if physics > truth else "wrong"
+    return "right" if physics == truth else "extra" if truth and physics > truth else "wrong"
 
 
 def table(file: Path) -> None:

@@ -55,7 +55,8 @@ def test_gain_names_only_what_is_seen():
         assert bad.allowed("named") == "weak"
         assert len(bad.says) == 1
         assert bad.allowed("unexplained") == "unexplained"
-    assert replace(good, share=5e-4).allowed("weak") == "none_needed"
+    assert replace(good, share=2e-3).allowed("weak") == "none_needed"
+    assert good.allowed("weak") == "weak"
 
 
 @pytest.fixture(scope="module")

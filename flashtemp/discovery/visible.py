@@ -64,8 +64,7 @@ class Gain:
         return tuple(out)
 
     def allowed(self, kind: str) -> str:
-        """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is so small that a
-        model may err by it."""
+        """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is small."""
         if kind in ("named", "group") and not (self.visible and self.above and self.predicts):
             return "weak"
         return "none_needed" if kind == "weak" and self.share < LARGEST else kind

@@ -39,6 +39,17 @@ def test_no_row_of_the_thinned_copy_is_changed():
     assert len(stack) == 121
 
 
+@pytest.mark.parametrize("pictures", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_a_block_alone_leaves_a_whole_result(tmp_path, pictures):
+    """Nothing slides: no friction to tell, no stick-slip to warn of, and every picture that applies."""
+    given = {"output.pictures": pictures, "output.vtk": False, "numerics.rtol": 1e-3}
+    run = flashtemp.simulate(BOARD, given, out=tmp_path / "board")
+    assert run.friction_per_repetition == []
+    assert "548 degC" in str(run)
+    assert run.sheet().rows
+    assert (tmp_path / "board" / "profile.png").is_file() == pictures
+
+
 @pytest.mark.long
 def test_discovery_names_the_slope_of_the_conductivity():
     """120 to 600 s are fitted; 600 to 1200 s, held out, are predicted to 1.2 K rms, by constant k to more than 6 K."""

@@ -13,6 +13,11 @@ LEAST = 0.02  # smallest range of the axis of mu, so that rounding is not drawn 
 LABELLED = 6  # repetitions; more are told apart by a colour bar
 
 
+def applies(run) -> bool:
+    """Whether anything slides."""
+    return bool(np.isfinite(run.friction).any())
+
+
 @theme.styled
 def draw(run) -> Figure:
     """Load-weighted friction coefficient (1) over the slid distance (m) of each repetition.

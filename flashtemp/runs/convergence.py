@@ -61,8 +61,10 @@ def numbers(run: Run) -> np.ndarray:
     """The quantities that are watched: rises (K) at fixed places and mean friction."""
     T = run.T_block[run.last] - run.ambient_degC
     L = run.mesh.x[run.mesh.last]
-    mu = run.friction_per_repetition
-    return np.array([run.at_x(T, 0.02 * L), run.at_x(T, 0.5 * L), run.at_x(T, 0.98 * L), float(np.mean(mu))])
+    mu = run.friction_per_repetition or [0.0]  # nothing slides
+    return np.array(
+        [run.at_x(T, 0.02 * L), run.at_x(T, 0.5 * L), run.at_x(T, 0.98 * L), float(np.mean(mu)) if mu else 0.0]
+    )
 
 
 def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:
@@ -90,7 +92,7 @@ def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None)
     last = [r.T_block[r.last] for r in runs]
     reference = np.interp(runs[1].x, runs[2].x, last[2])
     scale = max(np.abs(reference - runs[1].ambient_degC).max(), 1e-300)
-    inner = slice(2, -2)
+    inner = slice(2, -2) if len(reference) > 4 else slice(None)
     return Convergence(
         cells=[r.mesh.n_cells for r in runs],
         values=values.tolist(),

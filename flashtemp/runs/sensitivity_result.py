@@ -39,7 +39,7 @@ NUMBERS = {
     "T_spot_L": About("degC", "T_spot at the trailing edge", lambda run: float(run.T_spot[run.last][-1]), 0.05),
     "T_spot_max": About("degC", "highest T_spot at the end", lambda run: float(run.T_spot[run.last].max()), 0.05),
     "T_block_L": About("degC", "T(L), block at the trailing edge", lambda run: float(run.T_block[run.last][-1]), 0.05),
-    "mu": About("1", "friction, last repetition", lambda run: run.friction_per_repetition[-1], 1e-3),
+    "mu": About("1", "friction, last repetition", lambda run: (run.friction_per_repetition or [0.0])[-1], 1e-3),
     "into_road": About("1", "share of the heat into the road", _part("road"), 2e-3),
     "in_block": About("1", "share of the heat left in the block", _part("block"), 2e-3),
     "to_holder": About("1", "share of the heat into the holder", _part("holder"), 2e-3),

@@ -50,7 +50,9 @@ def slope(scene: Scene, run: Run) -> Slope:
 
 
 def remarks(scene: Scene, run: Run) -> list[str]:
-    """What a user should know where friction falls with speed."""
+    """What a user should know where friction falls with speed; nothing where nothing slides."""
+    if scene.schedule.alone:
+        return []
     found = slope(scene, run)
     if found.slope >= -FLAT:
         return []

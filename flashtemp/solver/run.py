@@ -264,7 +264,7 @@ class Run(Shown):
             ("rise in the middle", s["rise_middle_K"], "K"),
             ("rise at the trailing edge", s["rise_trailing_K"], "K"),
             ("hottest spot", s["T_max_degC"], "degC"),
-            ("friction, last repetition", s["friction_per_repetition"][-1], "1"),
+            ("friction, last repetition", (s["friction_per_repetition"] or [float("nan")])[-1], "1"),
             ("mean worn depth", s["worn_mean_m"], "m"),
             ("energy imbalance", s["energy_imbalance"], "1"),
             ("cells", s["cells"], ""),

@@ -194,7 +194,7 @@ def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Ca
         effect=effect,
         words=search.problem.case.known[effect].cause,
         parameters=tuple(_estimate(search, fit, p) for p in (*own, *bound)),
-        delta_chi2=without.solution.chi2 - fit.solution.chi2,
+        delta_chi2=_alike(without, fit).chi2 - fit.solution.chi2,
         held_out_gain=float(extended.left_out.density.sum() - base.left_out.density.sum()),
         distinctness=separability(search.base, search.problem.tried).distinctness(effect),
         ln_bayes=fit.ln_evidence - without.ln_evidence,
@@ -203,6 +203,12 @@ def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Ca
         per_condition=conditions,
         consistent=adequacy.consistent(conditions),
     )
+
+
+def _alike(without: Fit, fit: Fit) -> Solution:
+    """A model without an effect, its unknowns of no shape as tightly known as in the fit that has it."""
+    priors = {p: (mean, fit.priors[p][1] if p in fit.priors else sd) for p, (mean, sd) in without.priors.items()}
+    return without.system.solve(priors)
 
 
 def _estimate(search: Search, fit: Fit, p: ParameterId) -> Estimate:

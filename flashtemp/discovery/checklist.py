@@ -23,7 +23,7 @@ def checklist(search: Search) -> tuple[Check, ...]:
     """Everything that a laboratory can look at again, what would explain most first."""
     fit = search.best
     out = [
-        *map(_of_an_error, errors(search.problem, fit)), *_places(search, fit),
+        *map(_of_an_error, (*search.laboratory, *errors(search.problem, fit))), *_places(search, fit),
         *_orientations(search), *(_of_a_key(k) for k in search.keys),
     ]  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.ln_bayes))

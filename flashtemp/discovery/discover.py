@@ -88,6 +88,8 @@ def _verdict(search: Search) -> Verdict:
     gained = gain(problem, base, extended) if final.model.effects else None
     kind = gained.allowed(kind) if gained is not None else kind
     kind = _honest(kind, search, bool(found))
+    if kind == "unexplained":  # what leaves the data unexplained is named no more than an effect is
+        found = tuple(c for c in found if not c.parameters)
     if kind == "no_verdict" or (kind in ("none_needed", "unexplained", "held_key") and not accepted):
         causes, extended = (), base
     separable = separability(search.base, problem.tried)

@@ -39,10 +39,10 @@ class OwnValue:
 
 @dataclass(frozen=True)
 class Cause:
-    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2` with all else as free,
-    `held_out_gain` in ln probability of all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing in common), `z` its
-    signal to noise after projection, `raw_share` the share of its signal that calibration cannot absorb;
-    `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them;
+    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2` with all else as free, `held_out_gain`
+    in ln probability of all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing
+    in common), `z` its signal to noise after projection, `raw_share` the share of its signal that calibration cannot
+    absorb; `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them;
     `laboratory`: an error of the laboratory, which was put right, no physics.
     """
 

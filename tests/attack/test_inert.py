@@ -14,7 +14,10 @@ from flashtemp.physics.effect import catalogue
 from flashtemp.runs import inert
 
 CASES = Path(__file__).parents[2] / "cases"
-NEEDS_MORE = {"pressure_profile": {"pressure_profile.profile": [[0.0, 1.0], [0.025, 2.0]]}}
+NEEDS_MORE = {
+    "pressure_profile": {"pressure_profile.profile": [[0.0, 1.0], [0.025, 2.0]]},
+    "driven_faces": {"driven_faces.face": [[0.0, 20.0], [10.0, 60.0]]},
+}
 
 
 def remarks(effect: str, **more) -> list[str]:

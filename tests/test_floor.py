@@ -47,6 +47,12 @@ def test_a_wake_has_one_smooth_error_across_its_width():
     assert all(p.index[1] == 0 for p in columns)
 
 
+def test_a_cause_that_only_the_load_cell_shows_is_seen():
+    unseen = Gain("a.nc", 1e-3, 5e-4, 50.0, (0.05, 0.05), 1)
+    assert unseen.allowed("named") == "weak"
+    assert replace(unseen, friction=0.02).allowed("named") == "named"
+
+
 def test_gain_names_only_what_is_seen():
     good = Gain("a.nc", 0.05, 0.01, 50.0, (0.06, 0.055), 1)
     assert good.allowed("named") == "named"

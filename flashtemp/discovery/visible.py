@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.comparison.compare import Seeing
+from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.floor import LARGEST, LEAST
@@ -27,10 +27,11 @@ class Gain:
     beyond_floor: float
     left_out_K: tuple[float, float]
     causes: int
+    friction: float = 0.0  # largest rms change of a load cell's trace, over its friction
 
     @property
     def visible(self) -> bool:
-        return self.share >= LEAST
+        return max(self.share, self.friction) >= LEAST
 
     @property
     def above(self) -> bool:
@@ -67,7 +68,7 @@ class Gain:
         """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is small."""
         if kind in ("named", "group") and not (self.visible and self.above and self.predicts):
             return "weak"
-        return "none_needed" if kind == "weak" and self.share < LARGEST else kind
+        return "none_needed" if kind == "weak" and max(self.share, self.friction) < LARGEST else kind
 
 
 def gain(problem: Problem, base: Assessed, extended: Assessed) -> Gain:
@@ -76,7 +77,8 @@ def gain(problem: Problem, base: Assessed, extended: Assessed) -> Gain:
     file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
     beyond = _at_largest(problem, extended.fit) - _at_largest(problem, base.fit)
     left = base.left_out.rmse_K, extended.left_out.rmse_K
-    return Gain(file, changed, share, beyond, left, len(extended.fit.model.effects))
+    friction = [_pull(b, e) for b, e in zip(base.pullings, extended.pullings, strict=True)]
+    return Gain(file, changed, share, beyond, left, len(extended.fit.model.effects), max(friction, default=0.0))
 
 
 def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
@@ -88,6 +90,15 @@ def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
     low = float(np.nanmin(base.predicted)) if r.reflected_degC is None else r.reflected_degC
     changed = float(np.sqrt(np.mean((extended.predicted - base.predicted)[here] ** 2)))
     return base.view.file, changed, changed / max(float(np.sqrt(np.mean((base.predicted - low)[here] ** 2))), 1e-9)
+
+
+def _pull(base: Pulling, extended: Pulling) -> float:
+    """rms change of one load-cell trace over its friction."""
+    here = np.isfinite(base.residual) & np.isfinite(extended.residual)
+    if not here.any():
+        return 0.0
+    changed = float(np.sqrt(np.mean((extended.predicted - base.predicted)[here] ** 2)))
+    return changed / max(float(np.sqrt(np.mean(base.predicted[here] ** 2))), 1e-9)
 
 
 def _at_largest(problem: Problem, fit: Fit) -> float:

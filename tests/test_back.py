@@ -129,6 +129,7 @@ def test_forward_and_back_against_a_road_that_remembers_all(lab, back, fraction)
     assert np.abs(error[inside]).max() < 0.008 * rise.max()
 
 
+@pytest.mark.long
 def test_the_turn_keeps_every_joule(lab):
     """The road that comes back in: out of the wake, off the track and round the lap, with all that feeds back."""
     speed, distance = shuttle(0.15, 0.12)

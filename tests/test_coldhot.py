@@ -66,6 +66,7 @@ def test_memory_falls_with_what_the_flash_takes_and_rises_with_what_the_road_doe
     assert cold_hot_law.memory(99.0, 1.0) == cold_hot_law.memory(1e3, 1.0)
 
 
+@pytest.mark.long
 def test_splines_between_speeds_change_nothing(monkeypatch):
     """Over a road the hot branch is computed at every third speed."""
     spots, laws = Spots(0.01, 0.2, RoadSide(LIBRARY["asphalt"])), []

@@ -204,6 +204,7 @@ def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
     assert (tmp_path / "again" / "friction.csv").read_text() == (results / "friction.csv").read_text()
 
 
+@pytest.mark.long
 def test_files_of_the_case_come_along(tmp_path):
     q = np.geomspace(250.0, 1e6, 20)
     np.savetxt(
@@ -272,6 +273,7 @@ def test_a_folder_that_exists_is_left_alone(tmp_path, capsys):
     assert [f.name for f in tmp_path.iterdir()] == ["mine"]
 
 
+@pytest.mark.long
 def test_refuses_to_extrapolate_where_told_so(tmp_path, capsys):
     """The case itself slides within the measured range; the speeds asked for do not."""
     omega = np.geomspace(1e-2, 1e7, 80)

@@ -94,11 +94,8 @@ CHANGED = {
 }
 CAMPAIGNS = ONE | TWO | NONE | OUTSIDE | CHANGED
 BY_COMMAND = "tilt"  # this one goes the way of the user: by command, into a folder
-QUICK = (BY_COMMAND, "null 1", "swapped")  # with every change, of FEW candidates; the others are `long`
-FEW = (
-    "pressure_tilt", "edge_pressure", "friction_softening", "conductance_load", "conductivity_slope", "track_memory",
-    "camera_offset",
-)  # fmt: skip
+QUICK = (BY_COMMAND, "swapped")  # with every change, of FEW candidates; the others are `long`
+FEW = ("pressure_tilt", "friction_softening", "camera_offset")
 
 
 def each(names):

@@ -118,6 +118,7 @@ def test_without_fields_the_other_pictures_are_drawn(case, tmp_path, capsys):
     assert (tmp_path / "a" / "profile.png").is_file()
 
 
+@pytest.mark.long
 def test_fields_of_a_run_whose_pictures_failed_lie_beside_its_checkpoint(case, tmp_path, monkeypatch):
     """Also where output.vtk = false keeps none in a result that is whole."""
     with monkeypatch.context() as m:

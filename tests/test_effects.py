@@ -77,6 +77,7 @@ def test_camera(bench, name):
 
 
 @pytest.mark.parametrize("name", BASE)
+@pytest.mark.sample("[a-g]*")
 def test_base_effect_differs_from_its_off(bench, name):
     """Defaults that are off already are compared with a value that is not."""
     effect = catalogue()[name]
@@ -167,6 +168,9 @@ def test_every_linear_step_conserves_heat(bench, name, shape):
 
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.long) if n == "resolved_spots" else n for n in HEATING]
+)
+@pytest.mark.sample(
+    "track_memory", "wear", "thermal_expansion", "conductivity_slope", "radiation", "friction_moment", "debris_film"
 )
 def test_energy_audit(bench, name):
     check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))

@@ -493,6 +493,7 @@ def test_extreme_numbers_are_drawn():
     render(before_after.draw(verdict("named", base=same, extended=close, shifts=())))
 
 
+@pytest.mark.long
 def test_what_was_not_tried_has_no_bar_and_no_score():
     v = verdict("unexplained", 1, rivals=(*RIVALS, Rival("spots", 0.0, 0.0, "not tried: the case has no spots")))
     assert len(candidates.why(v).axes[0].patches) == len(RIVALS)

@@ -137,6 +137,7 @@ def test_steps_shrink_until_the_certificate(campaigns):
     assert len(fit.history) <= 5
 
 
+@pytest.mark.long
 def test_several_descents_share_their_rounds(two):
     """Side by side they take the steps that each takes alone; one that is far behind goes no further."""
     best = two.base

@@ -51,11 +51,13 @@ def test_nothing_on_nothing_depends(found):
     np.testing.assert_allclose(found.none[:, 0], found.none[:, 1], rtol=3e-4)  # the table's error
 
 
+@pytest.mark.long
 def test_without_heat_the_load_hardly_matters(found):
     """C23: saturation alone bends mu by less than 0.5 %."""
     assert np.all(np.abs(found.change(found.alone["saturation"])) < 5e-3)
 
 
+@pytest.mark.long
 def test_heating_makes_friction_fall_the_more_the_faster(found):
     """C23; without heat the same theory gives no fall."""
     change = found.change(found.alone[HEATING])
@@ -65,6 +67,7 @@ def test_heating_makes_friction_fall_the_more_the_faster(found):
     assert np.all(found.change(found.other) < change)  # fixed spots: more heat per spot under load
 
 
+@pytest.mark.long
 def test_adhesion_and_skewness_enlarge_the_contact(found):
     scene, acting = theory_of(load(CASE, COARSE))
     bare = replace(acting.p.theory, enlarged=())
@@ -81,6 +84,7 @@ def made(found, value, acting=NAMES) -> Loads:
     return Loads("made", found.pressure, np.array([1.0]), acting, {}, every, np.ones((1, 2)), "fixed")
 
 
+@pytest.mark.long
 def test_shares_add_up_where_processes_do_not_meet(found):
     """Two processes whose changes multiply: shares are their own changes, and their sum is the whole."""
     own = {"softening": np.log(1.1), HEATING: np.log(0.8)}
@@ -94,6 +98,7 @@ def test_shares_add_up_where_processes_do_not_meet(found):
     assert "only together" not in str(both)
 
 
+@pytest.mark.long
 def test_what_two_do_only_together_is_shared_by_them_and_told_apart(found):
     """Softening alone changes nothing with load, but heat meets it: half of that is its share, and it is said."""
 
@@ -126,6 +131,7 @@ def test_shares_are_the_mean_over_all_orders(values):
     assert sum(shares.values()) == pytest.approx(value[NAMES], abs=1e-12)
 
 
+@pytest.mark.long
 def test_what_the_case_does_not_have_never_leads(found):
     """Softening by a typical value would change more than heating does: said, but not the answer."""
     one = made(
@@ -139,6 +145,7 @@ def test_what_the_case_does_not_have_never_leads(found):
     assert "Not in the case: if filled rubber softens with strain (payne_rest = 0.4), +50.0 %" in str(one)
 
 
+@pytest.mark.long
 def test_nothing_is_an_answer(found):
     flat = made(found, lambda some: 0.0)
     assert flat.leading is None
@@ -200,6 +207,7 @@ def test_bad_input(args, says, capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_picture_of_one_speed_and_many(found):
     one = replace(found, speed=found.speed[:1], mu={n: v[:1] for n, v in found.mu.items()}, other=found.other[:1])
     assert len(picture.draw(one).subfigs[0].axes) == 1

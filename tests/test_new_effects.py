@@ -66,6 +66,7 @@ def small(lab):
 
 # --- all of them ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in SWITCH])
+@pytest.mark.sample("third_body", "pressure_crown")
 def test_a_small_change_of_the_base_is_in_proportion(small, name):
     key, base = SWITCH[name], small()
     size = find(name).params()[key].value

@@ -49,6 +49,7 @@ def archard(lab, pressure=2.5e5, speed=0.1):
 
 
 @pytest.mark.parametrize("speed", [pytest.param(0.1, marks=pytest.mark.long), 1.0])
+@pytest.mark.long
 def test_V17_relaxation_and_mean_depth(lab, speed):
     run = archard(lab, speed=speed)
     start, p = run.pressure[0] - 2.5e5, run.pressure - 2.5e5

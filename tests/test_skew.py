@@ -74,6 +74,7 @@ def test_tops_lowered_touch_more_and_bend_the_area_sooner(ratio):
     assert skewed[4] / skewed[1] < 0.85 * plain[4] / plain[1]
 
 
+@pytest.mark.long
 def test_the_fit_follows_what_was_solved(ratio):
     assert ratio.each.shape == (4, 6)
     np.testing.assert_allclose(ratio(LOADS), ratio.each.mean(axis=0), rtol=0.05)

@@ -197,6 +197,7 @@ def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     assert all(0.5 < r < 2.0 for r in ratios.values())
 
 
+@pytest.mark.long
 def test_command_writes_what_it_prints(tmp_path, capsys):
     out = tmp_path / "found"
     assert main(["tread", str(CASE), "tread.slip=[0.05]", "--out", str(out), "--json"]) == 0

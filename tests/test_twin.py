@@ -121,6 +121,7 @@ def test_the_truth_of_a_fast_block_has_finer_first_cells(case):
     assert truth.depth[1] < believed.depth[1] / 1.75
 
 
+@pytest.mark.long
 def test_the_truth_is_sealed(made, tmp_path):
     """Nothing but the sealed file names what is hidden, and comparing does not read it."""
     folder = tmp_path / "copy"

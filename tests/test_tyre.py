@@ -151,6 +151,7 @@ def test_controls_do_not_fall(corner):
     assert (cold[0], cold[-1]) == pytest.approx((0.651, 0.665), abs=0.003)
 
 
+@pytest.mark.long
 def test_small_spots_show_nothing_through_a_brush(corner):
     assert abs(corner(20.0, 0.003).fall("brush")) < 0.01 < corner(20.0, 0.003).fall("rigid")
 
@@ -170,6 +171,7 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_command_and_case(tmp_path, capsys):
     """C28 (b): at 20 degC the maximum falls by 3 to 15 % from 3000 to 7000 N; at 80 degC rubber A has none up to 45 deg.
 

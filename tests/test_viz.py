@@ -59,7 +59,7 @@ def line(ax, colour, width=0.0):
 
 @pytest.mark.parametrize("name", RUNS)
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda m: m.__name__.rsplit(".", 1)[1])
-@pytest.mark.sample("*-worn", "*-no_friction")
+@pytest.mark.sample("*-worn", "profile-no_friction", "field-no_friction")
 def test_every_kind_of_run_is_drawn_with_units_and_without_overlaps(runs, picture, name):
     fig = picture.draw(runs[name])
     image = pixels(fig)

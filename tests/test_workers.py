@@ -123,6 +123,7 @@ class Fan(Effect):
 """
 
 
+@pytest.mark.long
 def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_path):
     """The case brings the text that was read: no worker looks at the file, or judges whose it is."""
     (tmp_path / "fan.py").write_text(FAN)

@@ -110,6 +110,7 @@ def test_nothing_but_gif_and_mp4(run, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_mp4_hands_every_frame_to_ffmpeg_for_its_time(run, tmp_path, monkeypatch):
     """A stand-in for ffmpeg counts the bytes; another one refuses."""
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
@@ -134,6 +135,7 @@ def test_one_frame_per_repetition_and_constant_temperature(run, tmp_path):
 
 
 @pytest.mark.parametrize(("animated", "repetitions", "drawn"), [(True, 2, True), (False, 2, False), (True, 1, False)])
+@pytest.mark.sample("True-1-*", "False-*")
 def test_written_for_several_repetitions_unless_switched_off(tmp_path, monkeypatch, animated, repetitions, drawn):
     monkeypatch.setattr(flashtemp.viz, "PICTURES", {})
     case = small(schedule__repetitions=repetitions, schedule__distance=0.1, output__animation=animated)

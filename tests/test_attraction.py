@@ -79,6 +79,7 @@ def test_area_stays_linear_in_pressure_with_a_larger_slope():
     assert np.polyfit(LOADS, free * bare, 1)[1] > 5e-4
 
 
+@pytest.mark.long
 def test_more_work_softer_rubber_and_a_smoother_road_take_more_hold():
     def factor(theory, work=0.05, v=1e-3):
         return adhesion.attracted(theory, v, 293.15, work, [1.5e5]).factor[0]

@@ -118,6 +118,7 @@ def independent(way, back, fraction, columns=100, modes=300):
 
 @pytest.mark.parametrize("fraction", [1.0, 0.2], ids=["even", "lanes"])
 @pytest.mark.parametrize("back", [0.01, 0.06])
+@pytest.mark.sample("0.06-lanes")
 def test_forward_and_back_against_a_road_that_remembers_all(lab, back, fraction):
     """Back within the wake that is simulated, and beyond, where the track carries it."""
     rise, x = independent(0.15, back, fraction)

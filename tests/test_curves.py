@@ -198,6 +198,7 @@ def test_the_folder_holds_curves_table_numbers_and_picture(results):
     assert (results / "friction.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
     assert load(results)["contact.pressure"] == 2e5
     assert main(["friction", str(results), "--out", str(tmp_path / "again")]) == 0
@@ -309,6 +310,7 @@ FOUND = {
 
 
 @pytest.mark.parametrize("name", FOUND)
+@pytest.mark.sample("hot")
 def test_picture_has_units_and_no_overlaps(name):
     theory, T0, p, ends = FOUND[name]
     fig = picture.draw(friction_curves.curves(theory, RUBBER, SPOTS, np.geomspace(*ends, 30), T0, p), name)

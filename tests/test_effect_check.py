@@ -141,6 +141,7 @@ def test_camera_effect(look):
     assert "did you mean 'camera.offset'" in look(text.replace("camera.offset", "camera.ofset"))["loads"].says
 
 
+@pytest.mark.long
 def test_the_example_of_the_docs_passes(tmp_path, capsys):
     text = next(b for b in re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.S) if "class Dust" in b)
     (tmp_path / "dust.py").write_text(text)

@@ -3,6 +3,7 @@
 import base64
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -284,19 +285,25 @@ PICTURES = {"named": 6, "weak": 6, "group": 5, "none_needed": 5, "unexplained": 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    folder, out = tmp_path_factory.mktemp("findings"), {}
-    for kind in KINDS:
+    """The report of a kind of verdict, written when it is asked for."""
+    folder = tmp_path_factory.mktemp("findings")
+
+    @cache
+    def page(kind):
         path = folder / f"{kind}.html"
+        before = set(folder.iterdir())
         assert verdict_report.write(verdict(kind, 1), path) == path
+        assert set(folder.iterdir()) - before == {path}
         html = path.read_text(encoding="utf-8")
-        out[kind] = html, Reader(html)
-    assert len(list(folder.iterdir())) == len(KINDS)
-    return out
+        return html, Reader(html)
+
+    return page
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.sample("named", "no_verdict")
 def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
-    html, reader = pages[kind]
+    html, reader = pages(kind)
     assert html.startswith("<!DOCTYPE html>")
     assert {"script", "link", "a", "iframe"}.isdisjoint(reader.tags)
     assert not re.search(r"https?:|url\(|@import", html)
@@ -313,8 +320,9 @@ def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.sample("named", "no_verdict")
 def test_the_answer_comes_first(pages, kind):
-    _, reader = pages[kind]
+    _, reader = pages(kind)
     first = reader.text.index(verdict_report.ANSWER[kind][0])
     says = [reader.text.index(line) for line in verdict(kind).says]
     sections = [reader.text.find(h) for h in ("1. ", "Certificate of convergence", "Warnings") if h in reader.text]
@@ -323,7 +331,7 @@ def test_the_answer_comes_first(pages, kind):
 
 
 def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
-    _, reader = pages["named"]
+    _, reader = pages("named")
     head = reader.text[: reader.text.index("1. What is wrong")]
     assert "The nominal contact pressure peaks at the leading edge" in head
     assert "from 0.186 K to 0.0537 K" in head
@@ -340,17 +348,18 @@ def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
     assert ["block.k", "0.05"] in reader.rows
     assert ["pressure modes", "4.2", "20", "yes"] in reader.rows
     assert "Rest 10 min before repetition 11: it separates <track memory> from drift." in reader.text
-    assert "<track memory>" not in pages["named"][0]
+    assert "<track memory>" not in pages("named")[0]
 
 
+@pytest.mark.long
 def test_kinds_read_as_they_are(pages):
-    assert "Cannot be told apart: edge pressure, pressure tilt." in pages["group"][1].text
-    assert "The model was not extended" in pages["unexplained"][1].text
-    text = pages["none_needed"][1].text
+    assert "Cannot be told apart: edge pressure, pressure tilt." in pages("group")[1].text
+    assert "The model was not extended" in pages("unexplained")[1].text
+    text = pages("none_needed")[1].text
     assert "Measured against computed" in text
     assert "What is wrong" not in text
     assert "What to measure next" not in text
-    text = pages["no_verdict"][1].text
+    text = pages("no_verdict")[1].text
     assert "Certificate of convergence" in text
     assert "How to read" not in text
     assert "wake_1.nc: the noise was <estimated>" in text

@@ -11,7 +11,7 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery.calibration import ENOUGH, FAR, Descent, descend
+from flashtemp.discovery.calibration import ENOUGH, FAR, Descent, advance, descend
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
@@ -130,6 +130,24 @@ def test_a_far_start_ends_at_the_same_place(two, sign):
     assert descent.fit.ln_evidence == pytest.approx(best.ln_evidence, abs=0.1)
 
 
+def test_traces_stay_after_a_short_step_and_the_end_is_that_of_exact_ones(two):
+    """The last looks of a far start ask for no traces; with all of them (not rough) it ends at the same place."""
+    ends, asked = {}, {}
+    for rough in (True, False):
+        descents = [Descent(two.problem, two.data, Model({k: -0.5 * v for k, v in AWAY.items()}), rough=rough)]
+        asked[rough] = 0
+        while not descents[0].done:
+            asked[rough] += bool(descents[0].tasks()[0].derivatives.own)
+            descents = advance(two.problem, descents)
+        ends[rough] = descents[0].fit
+        assert ends[rough].converged
+    assert asked[True] < asked[False]
+    for key in AWAY:
+        p = ParameterId.of_key(key)
+        assert abs(value(ends[True], key) - value(ends[False], key)) < 0.1 * ends[False].solution.sd(p), key
+        assert ends[True].solution.sd(p) == pytest.approx(ends[False].solution.sd(p), rel=0.05)
+
+
 def test_steps_shrink_until_the_certificate(campaigns):
     """Gauss-Newton close to its end: a few looks, not a walk."""
     fit = campaigns(1).base
@@ -188,6 +206,7 @@ def perfect(campaigns):
 
 @pytest.mark.parametrize("start", [1e-6, 1e-4])
 @pytest.mark.sample("1e-06")
+@pytest.mark.long
 def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect, start):
     name = "interface_resistance"
     strength = ParameterId.of_effect(name, "resistance")

@@ -215,6 +215,7 @@ def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, mo
 
 
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.8])
+@pytest.mark.sample("0.45")
 def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
     _, whole = result
     out = tmp_path / "out"

@@ -59,6 +59,7 @@ def test_block_and_road(case, speed, widening):
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])
+@pytest.mark.sample("1.0")
 def test_friction_of_the_theory(case, speed):
     """The solver's table of friction against the theory itself in Level K, all heat at the contact."""
 

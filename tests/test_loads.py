@@ -152,14 +152,29 @@ def test_nothing_is_an_answer(found):
     assert "Nothing makes friction depend on the load" in str(flat)
 
 
-def test_every_is_the_case_itself(tmp_path):
-    """Rubber that is not filled, on a Gaussian road: the answer is about that, and a run of the case agrees."""
+PLAIN = COARSE | {"schedule.speed": 1.0, "schedule.distance": 0.3}
+
+
+@pytest.fixture
+def plain(tmp_path):
+    """A case of rubber that is not filled, on a Gaussian road."""
     (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
-    case = load(tmp_path, COARSE | {"schedule.speed": 1.0})
-    got = attribute(case, (1e5, 3e5), (1.0,), workers=1)
-    assert got.acting == ("saturation", HEATING)
-    runs = [load(tmp_path, COARSE | {"schedule.speed": 1.0, "contact.pressure": p}) for p in (1e5, 3e5)]
-    np.testing.assert_allclose(got.every[0], [march(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12)
+    return tmp_path
+
+
+def test_the_command_tells_of_the_case_itself(plain, capsys):
+    """What is written is about that case: runs of it give the same friction."""
+    out, words = plain / "out", [f"{k}={v}" for k, v in PLAIN.items()]
+    args = ["loads", str(plain), *words, "--pressures", "1e5,3e5", "--speeds", "1", "--workers", "1", "--out", str(out)]
+    assert main([*args, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told["ln_shares"]) == set(NAMES)
+    runs = [load(plain, PLAIN | {"contact.pressure": p}) for p in (1e5, 3e5)]
+    np.testing.assert_allclose(
+        told["mu"]["every"][0], [march(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12
+    )
+    assert sorted(p.name for p in out.iterdir()) == ["case.toml", "loads.csv", "loads.json", "loads.png"]
+    assert main(["loads", str(out), "--pressures", "1e5,2e5", "--speeds", "1", "--out", str(out)]) == 2  # exists
 
 
 def test_all_laws_of_friction_count_with_heat_and_without():
@@ -172,7 +187,8 @@ def test_all_laws_of_friction_count_with_heat_and_without():
     assert mu == pytest.approx(expected, rel=5e-3)  # the table stands for the theory
 
 
-def test_command(tmp_path, capsys):
+@pytest.mark.long
+def test_the_command_with_every_process(tmp_path, capsys):
     out = tmp_path / "out"
     given = [f"{k}={v}" for k, v in COARSE.items()]
     args = ["loads", str(CASE), *given, "--pressures", "5e4,3e5", "--speeds", "1", "--workers", "1", "--out", str(out)]
@@ -183,12 +199,10 @@ def test_command(tmp_path, capsys):
     assert told["values"]["softening"] == 0.4
     assert [s["over"] for s in told["signs"]] == ["T", "p"]
     assert "persson_friction.shear_stress" in {f["key"] for f in told["signs"][0]["flips"]}
-    assert sorted(p.name for p in out.iterdir()) == ["case.toml", "loads.csv", "loads.json", "loads.png"]
     with (out / "loads.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(r["pressure_Pa"]) for r in rows] == [5e4, 3e5]
     assert float(rows[1]["mu_case"]) == pytest.approx(told["mu"]["every"][0][1], abs=1e-6)
-    assert main(["loads", str(out), "--pressures", "1e5,2e5", "--speeds", "1", "--out", str(out)]) == 2  # exists
 
 
 @pytest.mark.parametrize(

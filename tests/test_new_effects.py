@@ -66,7 +66,7 @@ def small(lab):
 
 # --- all of them ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in SWITCH])
-@pytest.mark.sample("third_body", "pressure_crown")
+@pytest.mark.sample("pressure_crown")
 def test_a_small_change_of_the_base_is_in_proportion(small, name):
     key, base = SWITCH[name], small()
     size = find(name).params()[key].value
@@ -99,6 +99,7 @@ def test_costs_few_more_steps(small, name):
         ("third_body", -1, 1),
     ],
 )
+@pytest.mark.sample("evaporation-*", "radiation-*", "third_body-*")
 def test_sign(small, name, wake, spot):
     """What becomes warmer and what cooler, at the end of sliding: the road just behind the block, and the spots."""
     on, base = small(name), small()

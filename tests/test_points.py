@@ -234,6 +234,7 @@ def test_a_twin_of_thermocouples_gives_its_slope_and_its_beads_back(tmp_path):
     assert abs(slope.value - hidden) < 0.02 * abs(hidden)
 
 
+@pytest.mark.long
 def test_the_next_thermocouple_belongs_where_the_unknown_heat_goes(tmp_path):
     """Face held, back insulated: what leaves through the back is seen best at the back."""
     case = write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\n")

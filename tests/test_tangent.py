@@ -164,7 +164,7 @@ def bare():
 
 
 @pytest.mark.parametrize("key", BARE)
-@pytest.mark.sample("friction.mu", "edge_pressure.B", "contact.spot_fraction")
+@pytest.mark.sample("edge_pressure.B")
 def test_trace_of_one_parameter(bare, key):
     check(bare, {}, key)
 
@@ -219,6 +219,7 @@ def arrays(run):
 
 
 @pytest.mark.parametrize("given", [{}, ROUND | RESTING, WORN], ids=["bare", "laps", "wear"])
+@pytest.mark.sample("laps")
 def test_the_run_is_bit_for_bit_the_run_alone(given):
     hood = traces(given, ["friction.mu"])
     alone = march(scene(given), asked(given))

@@ -259,6 +259,7 @@ def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("given", [["tread.slip=[1e-9]"], ["tread.stiffness=1e3", "tread.mass=1e-9"]])
 @pytest.mark.sample("given0")
+@pytest.mark.long
 def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
     """Nothing slides, so nothing is on its way from cold to hot: - in the table, null in the file."""
     out = tmp_path / "found"

@@ -67,6 +67,7 @@ def test_nothing_hidden_compares_to_one_within_its_statistics(made, null, seed):
     "name",
     ["emissivity", *(pytest.param(n, marks=pytest.mark.long) for n in ("pressure_tilt", "interface_resistance"))],
 )
+@pytest.mark.long
 def test_what_is_hidden_is_seen(made, name):
     found = compare(campaign.load(made(name, views=("sidewall",))))
     [s] = found.seeings

@@ -310,6 +310,7 @@ def test_bounds_of_speed_and_stiffness(tmp_path, capsys, given):
     assert "give a number >= " in told
 
 
+@pytest.mark.long
 def test_the_usual_contact_fraction_decides(corner):
     """With P(2 pi/10 mm) = 0.5 the flash is spread so thin that the brush's maximum falls by 1 % only: case.toml says so."""
     assert float(THEORY.contact(2 * np.pi / 0.01, 1.0, 293.15, P)) == pytest.approx(0.53, abs=0.01)

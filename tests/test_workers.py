@@ -65,6 +65,7 @@ def test_answers_keep_their_order(count):
 
 
 @pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.sample("1")
 def test_failures_come_back_in_their_place(count):
     with crew(find, count) as run:
         first, fault, last = run(["friction", "frction", "wear"])

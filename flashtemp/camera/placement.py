@@ -60,13 +60,22 @@ def _finite(recording: Recording) -> tuple[float, float]:
 
 
 def ramp(x: Any, s: Any) -> tuple[Any, Any]:
-    """Integral of the normal distribution function of width s, and its integral."""
-    if s == 0:
-        up = np.where(np.real(x) > 0, x, 0.0)
+    """Integral of the normal distribution function of width s, and its integral.
+
+    Of complex x and s to first order in their imaginary parts, which is all that a complex step asks for.
+    """
+    at, wide = np.real(x), float(np.real(s))
+    if wide == 0:
+        up = np.where(at > 0, x, 0.0)
         return up, 0.5 * up * up
-    half = 0.5 * erfc(-x / (np.sqrt(2.0) * s))
-    bell = s / np.sqrt(2 * np.pi) * np.exp(-0.5 * (x / s) ** 2)
-    return x * half + bell, 0.5 * ((x * x + s * s) * half + x * bell)
+    half = 0.5 * erfc(-at / (np.sqrt(2.0) * wide))
+    density = np.exp(-0.5 * (at / wide) ** 2) / np.sqrt(2 * np.pi)
+    up = at * half + wide * density
+    twice = 0.5 * ((at * at + wide * wide) * half + wide * at * density)
+    if not (np.iscomplexobj(x) or np.iscomplexobj(s)):
+        return up, twice
+    dx, ds = np.imag(x), np.imag(s)
+    return up + 1j * (half * dx + density * ds), twice + 1j * (up * dx + wide * half * ds)
 
 
 def hats(x: Any, pitch: float, sigma: Any, step: Any) -> Any:

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.discovery.floor import MIDDLE, SIZES
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import nuisances
 from flashtemp.discovery.parameters import PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 
@@ -23,43 +22,15 @@ SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known o
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
+CHORD, CONTRACTS = 0.1, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 FAINT = 1e-3  # of scale or rad: what moves the last of a hundred pixels by a tenth of itself is linear
-SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
 FAR = "far behind the best"  # why a descent went no further
 
 Watch = Callable[[str], Any]
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """The best solution over the scales of deviations of unknown shape, its priors and that scale."""
-
-    solution: Solution
-    priors: Priors
-    scale: float
-    floor: float = MIDDLE
-
-
-def solved(
-    problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None
-) -> Scaled:
-    """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
-    equations = equations or system.total()
-
-    def at(scale: float, floor: float) -> Scaled:
-        priors = nuisances(problem, system.names, model, scale, floor) | more
-        return Scaled(system.solve(priors, equations), priors, scale, floor)
-
-    best = max((at(scale, SIZES[-1]) for scale in SCALES), key=_evident)
-    return max((best, *(at(best.scale, floor) for floor in SIZES[:-1])), key=_evident)
-
-
-def _evident(found: Scaled) -> float:
-    return found.solution.ln_evidence
 
 
 @dataclass(frozen=True)
@@ -139,7 +110,9 @@ class Descent:
 
     `effects` candidates that the model holds and moves; `rough`: a model that misfits grossly need not be exact
     (what extends it must).  `fit` at the best point so far, `trust` how long a step may be (in prior standard
-    deviations) after one that lost, `back` steps back in a row, `tried` points in all; `failed` says why it ends.
+    deviations) after one that lost, `back` steps back in a row, `tried` points in all; `bent` whether traces are taken
+    anew at the next point (after a short step they are not: whoever needs them exact traces the end once more);
+    `failed` says why it ends.
     """
 
     problem: Problem
@@ -155,6 +128,7 @@ class Descent:
     trust: float = np.inf
     back: int = 0
     tried: int = 0
+    bent: bool = True
 
     @property
     def priors(self) -> Priors:
@@ -163,6 +137,8 @@ class Descent:
 
     def tasks(self) -> list[Task]:
         """What to predict next."""
+        if not self.bent:
+            return self.problem.tasks(self.model, Derivatives())
         own = (*self.problem.free, *self.priors)
         return self.problem.tasks(self.model, replace(self.derivatives, own=own, optics=True))
 
@@ -170,7 +146,8 @@ class Descent:
     def done(self) -> bool:
         if self.fit is None or self.failed:
             return bool(self.failed)
-        if self.fit.converged or self.back > BACK:
+        short = self.bent or self.history[-1] < ENOUGH  # where traces stay, one look more costs little
+        if (self.fit.converged and short) or self.back > BACK:
             return True
         rough = self.rough and self.fit.hopeless
         most = FEW if rough else TRIES
@@ -179,6 +156,11 @@ class Descent:
     def take(self, predictions: Sequence[Prediction]) -> Descent:
         """Linearise at the present point and move to where it points; after a loss, back to the best point and on from
         there by a shorter and more cautious step."""
+        if self.fit is not None and not self.bent:
+            kept = [now.with_traces(old) for now, old in zip(predictions, self.fit.predictions, strict=True)]
+            predictions = [p for p in kept if p is not None]
+            if len(predictions) < len(kept):  # pixels came in or went out
+                return replace(self, bent=True, tried=self.tried + 1)
         system = System(self.data.blocks(predictions))
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
@@ -194,16 +176,19 @@ class Descent:
         fit = Fit(
             self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise
         )
+        contracts = self.bent or history[-1] < CONTRACTS * self.history[-1]
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
-            tried=self.tried + 1,
+            tried=self.tried + 1, bent=not (self.rough and contracts and history[-1] < CHORD),
         )  # fmt: skip
-        return now if fit.converged else replace(now, model=now._onward(fit))
+        return now if now.done else replace(now, model=now._onward(fit))
 
     def retreat(self, best: Fit) -> Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""
         last = min(LONGEST, self._far(self._steps(best.solution, best.priors), best))
-        cautious = replace(self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1)
+        cautious = replace(
+            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True
+        )
         return replace(cautious, model=cautious._onward(best))
 
     def _onward(self, fit: Fit) -> Model:

@@ -13,12 +13,13 @@ import numpy as np
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.calibration import MISFIT, Fit, solved
+from flashtemp.discovery.calibration import MISFIT, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import MODES
 from flashtemp.discovery.prediction import Derivatives, Prediction
 from flashtemp.discovery.problem import CLEARLY, Problem
+from flashtemp.discovery.scales import solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 

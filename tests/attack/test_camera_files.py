@@ -191,6 +191,7 @@ def test_real_pixels_stay_whatever_they_read(tmp_path):
 
 @pytest.mark.parametrize("separator", ["\t", ";", ",", " "])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "{}\n"])
+@pytest.mark.sample("{}*;", "*r*n-,")
 def test_a_text_image_cut_anywhere_is_told(tmp_path, separator, end):
     """A sensor's width tells its height: at line ends and inside of rows."""
     end = end.format(separator.strip())

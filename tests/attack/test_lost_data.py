@@ -222,6 +222,7 @@ def files_up_to(size: int):
 
 
 @pytest.mark.parametrize("rows", [0, 3])
+@pytest.mark.sample("3")
 def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
     """While fields are streamed: what was marched is kept, and the run goes on when there is room."""
     real = job.Frames.append
@@ -239,6 +240,7 @@ def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
 
 
 @pytest.mark.parametrize("size", [2_000, 60_000, 150_000])
+@pytest.mark.sample("60000")
 def test_files_that_cannot_grow_leave_something_to_go_on_from(case, whole, tmp_path, size):
     """The kernel's own refusal, at a checkpoint, at run.nc or at the fields."""
     with pytest.raises((Halted, OSError)) as said, files_up_to(size):
@@ -375,6 +377,7 @@ def answers(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.4, 1.0])
+@pytest.mark.sample("0.4")
 def test_ctrl_c_while_modules_load(case, tmp_path, delay):
     command = [sys.executable, "-m", "flashtemp", "run", str(case), "--out", str(tmp_path / "a")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:

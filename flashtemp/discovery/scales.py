@@ -1,0 +1,42 @@
+"""A solution at a point, at those scales of what has no known size that have the largest evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flashtemp.discovery.floor import MIDDLE, SIZES
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.parameters import Priors
+from flashtemp.discovery.problem import Problem
+
+SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """The best solution over the scales of deviations of unknown shape, its priors and that scale."""
+
+    solution: Solution
+    priors: Priors
+    scale: float
+    floor: float = MIDDLE
+
+
+def solved(
+    problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None
+) -> Scaled:
+    """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
+    equations = equations or system.total()
+
+    def at(scale: float, floor: float) -> Scaled:
+        priors = nuisances(problem, system.names, model, scale, floor) | more
+        return Scaled(system.solve(priors, equations), priors, scale, floor)
+
+    best = max((at(scale, SIZES[-1]) for scale in SCALES), key=_evident)
+    return max((best, *(at(best.scale, floor) for floor in SIZES[:-1])), key=_evident)
+
+
+def _evident(found: Scaled) -> float:
+    return found.solution.ln_evidence

@@ -139,7 +139,7 @@ def opened(html: str) -> ET.Element:
 
 
 @pytest.mark.parametrize("name", CALLS)
-@pytest.mark.sample("[!t]*", "twin")
+@pytest.mark.sample("[!td]*", "twin")
 def test_a_result_shows_itself(name, lab):
     result = CALLS[name](lab)
     assert isinstance(result, Shown)

@@ -541,6 +541,7 @@ def test_a_right_engine_calibrates(tiny):
 
 
 @pytest.mark.parametrize("name", MUTANTS)
+@pytest.mark.sample("whitening")
 def test_a_broken_engine_does_not(tiny, monkeypatch, name):
     """Each of these once made discoveries of nothing: the checks above must see it."""
     MUTANTS[name](monkeypatch)

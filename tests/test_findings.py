@@ -533,6 +533,7 @@ def test_every_verdict_is_said_in_words(kind, said):
         assert "(radiation)" in first
 
 
+@pytest.mark.long
 def test_what_to_look_at_again_is_listed_and_no_verdict_keeps_what_it_knows():
     checks = (
         Check("scale", "scale|wall.nc", "the pixel scale of <wall.nc> is 1.2 % too small", 310.0, 0.012, 0.001),

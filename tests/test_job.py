@@ -274,6 +274,7 @@ def test_ctrl_c_at_the_command_line(folder, tmp_path):
 
 
 @pytest.mark.skipif(len(available()) < 2, reason="one CVODE binding on this machine")
+@pytest.mark.long
 def test_both_bindings_give_the_same_answer(folder):
     first, second = (
         simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in available()

@@ -162,6 +162,7 @@ def plain(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_the_command_tells_of_the_case_itself(plain, capsys):
     """What is written is about that case: runs of it give the same friction."""
     out, words = plain / "out", [f"{k}={v}" for k, v in PLAIN.items()]

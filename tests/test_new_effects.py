@@ -110,6 +110,7 @@ def test_sign(small, name, wake, spot):
 
 
 # --- heat on the road and in the block -------------------------------------------------------------
+@pytest.mark.long
 def test_evaporation_is_a_film_that_dries(lab):
     """Road before the block is nearly as cold as the air: a film all over the free road draws the same heat."""
     h, n = 5.0, 1.5  # little: each repetition draws from the same heat

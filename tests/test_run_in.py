@@ -89,7 +89,7 @@ def test_tilting_holder_relaxes_more_slowly(lab):
 # --- balance at every instant -------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def eventful(lab):
-    return lab.case(**EVENTS, **SHORT, numerics__rtol=1e-5)
+    return lab.case(**EVENTS, **SHORT, numerics__rtol=1e-4)
 
 
 def test_load_is_carried_at_every_instant(lab, eventful):

@@ -27,7 +27,7 @@ from flashtemp.solver.stretching import phase_of, stretched
 from flashtemp.solver.system import Linearised, Moved, System
 from flashtemp.solver.turning import pass_on, renew
 
-FIRST, MOST = 1e-3, 0.1  # first and longest step, in lengths of a stretch
+FIRST, MOST = 4e-3, 0.1  # first and longest step, in lengths of a stretch
 CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
 GROWTH = 2.0  # BDF2 is stable up to 2.4
 TINY = 1e-7  # K: a change that need not be followed

@@ -1,4 +1,4 @@
-"""The six pictures of a verdict: what is wrong, not noise, missing, why, what else, gained."""
+"""The six pictures of a verdict: what is wrong, not noise, missing, why, what else, gained; and a law, if learned."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from flashtemp.viz import before_after, candidates, difference, missing_heat, theme, whitened_maps
+from flashtemp.viz import before_after, candidates, difference, learned_law, missing_heat, theme, whitened_maps
 
+LAW = (
+    "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
+    "learned.py, between which it is a line; the thin line is what the case says."
+)
 CAPTIONS = {
     "what_is_wrong": (
         "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "
@@ -57,6 +61,7 @@ def figures(verdict) -> dict[str, Figure]:
         return {}
     alike = verdict.separability is not None and len(verdict.separability[0]) > 0
     drawn = {
+        "law": (learned_law.draw, verdict.law is not None),
         "what_is_wrong": (difference.draw, bool(verdict.before)),
         "not_noise": (whitened_maps.draw, bool(whitened_maps.imaged(verdict))),
         "missing": (missing_heat.draw, bool(verdict.missing)),

@@ -14,6 +14,7 @@ LISTED = 12  # things to look at again
 ALARM = 8.0  # ln Bayes factor below which nothing is claimed
 ANSWER = {
     "named": ("The cause is named", "good"),
+    "learned": ("A law was learned that is not in the catalogue", "good"),
     "held_key": ("A key of the case is not what it was held to be", "near"),
     "weak": ("A cause is likely, but the evidence is weak", "near"),
     "group": ("Something is missing; these data cannot tell which of several causes it is", "near"),
@@ -142,6 +143,9 @@ def _pictures(v: Verdict) -> list[str]:
     figures = discovery.figures(v)
     tables = {"what_is_wrong": _chosen, "not_noise": _tests, "else": _rivals, "gained": _before_after}
     out = []
+    if "law" in figures and v.law is not None:
+        out += [f"<h2>{escape(v.law.words[0].upper() + v.law.words[1:])}</h2>"]
+        out += [html.figure(figures["law"], v.law.words, discovery.LAW)]
     for number, name in enumerate(discovery.CAPTIONS, 1):
         head = verdict_parts.head(v, name)
         out.append(f"<h2>{number}. {escape(head)}</h2>")

@@ -18,6 +18,7 @@ from flashtemp.discovery.calibration import ENOUGH, Fit, Watch
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.laboratory import calibrated
+from flashtemp.discovery.learning import learn
 from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import ParameterId
@@ -26,12 +27,18 @@ from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
+from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Found, Held, Verdict
 from flashtemp.discovery.visible import gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
-SHARES = {"traces": 0.3, "fitting": 0.5, "judging": 0.95}  # of the work that is done when a stage begins, as a rule
+SHARES = {
+    "traces": 0.3,
+    "fitting": 0.5,
+    "judging": 0.95,
+    "looking": 0.7,
+}  # of the work that is done when a stage begins, as a rule
 
 
 def discover(
@@ -46,6 +53,8 @@ def discover(
         search = explore(calibrate(prepare(campaign, run), watch), watch)
         watch("judging")
         verdict = _verdict(search)
+        if verdict.kind == "unexplained":
+            verdict, search = _learned(verdict, search, watch)
     return replace(verdict, seconds=time.monotonic() - began), search
 
 
@@ -126,6 +135,18 @@ def _verdict(search: Search) -> Verdict:
     )
     says = wording.says(verdict, problem.case.known)
     return replace(verdict, says=(*wording.not_converged(search.best), *says) if kind == "no_verdict" else says)
+
+
+def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
+    """A law that explains what the catalogue does not, judged like any cause; else the verdict as it was."""
+    found = learn(search, watch)
+    if found is None:
+        return verdict, search
+    again = _verdict(found.search)
+    if again.kind != "named":
+        return verdict, search
+    again = replace(again, kind="learned", law=found.told)
+    return replace(again, says=wording.says(again, found.search.problem.case.known)), found.search
 
 
 def _honest(kind: str, search: Search, found: bool) -> str:
@@ -243,4 +264,10 @@ def write_extended(search: Search, verdict: Verdict, folder: Path) -> None:
         if not c.laboratory and (own := best.model.effects[c.effect])
     }
     case = Model(free, effects).on(search.problem.case)
-    (folder / "extended.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
+    files = case.copy_files(folder)
+    if NAME in files:  # what was learned lies beside the case, to be read
+        (folder / files[NAME]).rename(folder / f"{NAME}.py")
+        files[NAME] = f"./{NAME}.py"
+        if not any((folder / "inputs").iterdir()):
+            (folder / "inputs").rmdir()
+    (folder / "extended.toml").write_text(case.toml(files), encoding="utf-8")

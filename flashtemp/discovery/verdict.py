@@ -13,7 +13,7 @@ from flashtemp.showing import Sheet, Shown
 
 Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
-KINDS = ("named", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
+KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,36 @@ class Held:
 
 
 @dataclass(frozen=True)
+class LearnedLaw:
+    """A law that no catalogue has: what depends on what, `formula` in words where one fits as well as the curve.
+
+    `curve` (n,) at values `at` (n,) of the argument with its 95 % band `low`, `high` (n,); a factor where `unit` is 1.
+    `nodes` of the file's line.  `beside` {law in words: ln Bayes factor by trace} of others that are nearly as likely.
+    """
+
+    quantity: str
+    argument: str
+    words: str
+    unit: str
+    argument_unit: str
+    formula: str
+    at: Array
+    curve: Array
+    low: Array
+    high: Array
+    nodes: tuple[float, ...]
+    beside: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "quantity": self.quantity, "argument": self.argument, "words": self.words, "formula": self.formula,
+            "curve": {"argument": self.at.tolist(), "value": self.curve.tolist(), "unit": self.unit,
+                      "argument_unit": self.argument_unit},
+            "band": {"low": self.low.tolist(), "high": self.high.tolist()}, "beside": self.beside,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Fitness:
     """How well a model does: over all that was fitted, over what was left out, and on means over frames (K)."""
 
@@ -185,7 +215,8 @@ class Verdict(Shown):
     every recording against the calibrated base and the extended model; `gates`: what was checked for
     adequacy, with value and limit; `assumed` priors.  `certain` effects that all members of a group share;
     `laboratory` errors that calibration found; `held_key` one that explains what a cause would; `checklist` of what to
-    look at again where nothing explains the data, `open_ends` {effects: ln Bayes factor} that no full fit has judged.
+    look at again where nothing explains the data, `open_ends` {effects: ln Bayes factor} that no full fit has judged;
+    `law` one that was learned where the catalogue has none.
     """
 
     title: str
@@ -217,6 +248,7 @@ class Verdict(Shown):
     held_key: Held | None = None
     checklist: tuple[Check, ...] = ()
     open_ends: dict[str, float] = field(default_factory=dict)
+    law: LearnedLaw | None = None
 
     @property
     def extends(self) -> bool:
@@ -258,6 +290,7 @@ class Verdict(Shown):
             "held_key": None if self.held_key is None else asdict(self.held_key),
             "checklist": [asdict(c) for c in self.checklist],
             "open_ends": self.open_ends,
+            "law": None if self.law is None else self.law.as_dict(),
             "seconds": self.seconds,
         }
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from flashtemp.discovery.calibration import ENOUGH, Fit
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
 from flashtemp.discovery.searched import NAMED, WEAK
-from flashtemp.discovery.verdict import Cause, Verdict
+from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
 from flashtemp.physics.effect import Effect
 
 MOST = 3  # of each kind in the text
@@ -99,6 +101,8 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
     if v.kind == "named":
         against = "against the model without it."
         return [*found, *(f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} {against}" for c in causes)]
+    if v.kind == "learned" and v.law is not None:
+        return [*found, *_law(v.law, causes[0].ln_bayes)]
     if v.kind == "weak":
         c = causes[0]
         needed = f"; {NAMED:g} names a cause" if c.ln_bayes < NAMED else ""
@@ -123,6 +127,26 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
             f"The strongest of {len(v.rivals)} candidates, {best.effect}, has ln Bayes factor {best.score:.1f}; "
             f"{NAMED:g} would name a cause."
         )
+    return lines
+
+
+def _law(law: LearnedLaw, ln_bayes: float) -> list[str]:
+    """What was learned, as what, and what else it could be."""
+    unit, over = ("" if u == "1" else f" {u}" for u in (law.unit, law.argument_unit))
+    rows = ", ".join(
+        f"{np.interp(n, law.at, law.curve):.3g} ({np.interp(n, law.at, law.low):.3g} to "
+        f"{np.interp(n, law.at, law.high):.3g}){unit} at {n:.4g}{over}"
+        for n in law.nodes
+    )
+    kind = "factor" if law.unit == "1" else "value"
+    lines = [
+        f"Learned, since nothing in the catalogue explains the data: {law.words}; {kind} {rows}. ln Bayes factor "
+        f"{ln_bayes:.0f} against the model without it."
+    ]
+    lines.append(f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve.")
+    if law.beside:
+        others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MOST])
+        lines.append(f"It could also be, by ln Bayes factors of their traces: {others}.")
     return lines
 
 

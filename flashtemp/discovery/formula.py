@@ -1,0 +1,121 @@
+"""A formula for a learned curve, where one of a small family fits its nodes as well as the curve itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from flashtemp.discovery.unknown_law import Law
+from flashtemp.physics.quantities import KELVIN
+
+GAS = 8.314462618  # J/(mol K)
+WIDE = ("saturating", "peak")  # their last number is a width
+LIKELY = 0.05  # probability of so large a misfit, below which a formula does not fit
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Form:
+    """One member of the family: `curve(s, *numbers)` (n,) of the share s of the argument's range or of `at` itself.
+
+    `words` are formatted with the numbers; `starts` for the search.
+    """
+
+    name: str
+    words: str
+    curve: Callable[..., Array]
+    starts: tuple[tuple[float, ...], ...]
+    needs: Callable[[Law], bool] = lambda law: True
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A form with its `numbers`: in `words`, the misfit `chi2` of `free` degrees of freedom, and `bic`."""
+
+    name: str
+    words: str
+    numbers: tuple[float, ...]
+    chi2: float
+    free: int
+    bic: float
+
+    @property
+    def fits(self) -> bool:
+        return bool(self.free > 0 and self.chi2 <= chi2.isf(LIKELY, self.free))
+
+
+def _positive(law: Law) -> bool:
+    return law.nodes[0] > 0.0 and law.argument.unit != "degC"
+
+
+def _warm(law: Law) -> bool:
+    return law.argument.unit == "degC"
+
+
+# u: the argument; s: its share of the range; r: the argument over its middle
+FORMS = (
+    Form("constant", "{0:.4g}", lambda u, s, r, a: a + 0.0 * s, ((1.0,),)),
+    Form("linear", "{0:.4g} (1 + {1:.3g} s)", lambda u, s, r, a, b: a * (1.0 + b * s), ((1.0, 0.1), (1.0, -0.1))),
+    Form("power", "{0:.4g} r^{1:.3g}", lambda u, s, r, a, n: a * r**n, ((1.0, 0.3), (1.0, -0.3)), _positive),
+    Form("exponential", "{0:.4g} exp({1:.3g} s)", lambda u, s, r, a, b: a * np.exp(b * s), ((1.0, 0.3), (1.0, -0.3))),
+    Form(
+        "Arrhenius", "{0:.4g} exp({1:.3g} (T_m/T - 1)), T in K",
+        lambda u, s, r, a, e: a * np.exp(e * ((np.mean(u) + KELVIN) / (u + KELVIN) - 1.0)),
+        ((1.0, 1.0), (1.0, -1.0)), _warm,
+    ),
+    Form(
+        "saturating", "{0:.4g} (1 + {1:.3g} (1 - exp(-s/{2:.3g})))",
+        lambda u, s, r, a, b, w: a * (1.0 + b * (1.0 - np.exp(-s / max(abs(w), 0.02)))),
+        ((1.0, 0.3, 0.3), (1.0, -0.3, 0.3)),
+    ),
+    Form(
+        "peak", "{0:.4g} (1 + {1:.3g} exp(-(s - {2:.3g})^2/(2 {3:.3g}^2)))",
+        lambda u, s, r, a, h, m, w: a * (1.0 + h * np.exp(-0.5 * ((s - m) / max(abs(w), 0.05)) ** 2)),
+        ((1.0, 0.3, 0.5, 0.25), (1.0, -0.3, 0.5, 0.25), (1.0, 0.3, 0.2, 0.25), (1.0, 0.3, 0.8, 0.25)),
+    ),
+)  # fmt: skip
+
+
+def formula(law: Law, covariance: Array) -> Formula | None:
+    """The form of least BIC for a law whose node values have a `covariance` (n, n), if it fits; None where none does.
+
+    A form needs fewer numbers than the law has nodes.
+    """
+    found = [f for form in FORMS if form.needs(law) and (f := _fitted(form, law, covariance)) is not None and f.fits]
+    return min(found, key=lambda f: f.bic, default=None)
+
+
+def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
+    count = len(form.starts[0])
+    if count >= len(law.nodes):
+        return None
+    u, values = np.array(law.nodes), np.array(law.values)
+    s = (u - u[0]) / (u[-1] - u[0])
+    r = u / np.sqrt(u[0] * u[-1]) if u[0] > 0.0 else s
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
+    white = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((1e-3 * sd) ** 2))).T
+    size = 1.0 if law.unknown.how == "factor" else max(float(np.max(np.abs(values))), 1e-300)
+
+    def left(numbers: Array) -> Array:
+        curve = size * form.curve(u, s, r, *numbers)
+        if law.unknown.how == "factor":
+            curve = np.log(np.maximum(curve, 1e-9))
+        return np.asarray(white @ (values - curve), float)
+
+    best = min((least_squares(left, start, method="trf", x_scale=0.3) for start in form.starts), key=lambda f: f.cost)
+    misfit = 2.0 * float(best.cost)
+    numbers = (size * best.x[0], *best.x[1:-1], *((abs(best.x[-1]),) if form.name in WIDE else best.x[1:][-1:]))
+    bic = misfit + count * float(np.log(len(u)))
+    return Formula(form.name, form.words.format(*numbers), tuple(map(float, numbers)), misfit, len(u) - count, bic)
+
+
+def legend(law: Law) -> str:
+    """What s and r of a formula are."""
+    low, high, unit = law.nodes[0], law.nodes[-1], "" if law.argument.unit == "1" else f" {law.argument.unit}"
+    s = f"s = ({law.argument.name} - {low:.4g}{unit})/{high - low:.4g}{unit}"
+    return f"{s}, r = {law.argument.name}/{np.sqrt(low * high):.4g}{unit}" if low > 0.0 else s

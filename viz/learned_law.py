@@ -1,0 +1,27 @@
+"""A learned law: the curve with its band, over what it depends on."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+
+
+@theme.styled
+def draw(verdict) -> Figure:
+    """The law of a verdict of kind "learned": a factor (1), or in the unit of its quantity."""
+    law = verdict.law
+    fig = theme.figure(verdict.title, theme.NARROW, 3.0)
+    ax = fig.add_subplot()
+    ax.fill_between(law.at, law.low, law.high, color=theme.SPOT, alpha=0.2, lw=0)
+    ax.axhline(1.0 if law.unit == "1" else 0.0, color=theme.AMBIENT, lw=0.8)
+    ax.plot(law.at, law.curve, color=theme.SPOT, lw=1.8)
+    nodes = np.array(law.nodes)
+    ax.plot(nodes, np.interp(nodes, law.at, law.curve), "o", color=theme.SPOT, ms=5, mec="white", mew=0.8, zorder=4)
+    over, unit = ("–" if u == "1" else u for u in (law.argument_unit, law.unit))
+    ax.set(
+        xlabel=f"{law.argument} ({over})", ylabel=f"{'factor on ' if law.unit == '1' else ''}{law.quantity} ({unit})"
+    )
+    ax.set_title(law.formula.partition(",")[0] if len(law.formula) < 60 else law.formula.partition(":")[0])
+    return fig

@@ -82,12 +82,13 @@ FORMS = (
 
 
 def formula(law: Law, covariance: Array) -> Formula | None:
-    """The form of least BIC for a law whose node values have a `covariance` (n, n), if it fits; None where none does.
+    """The simplest form that fits a law whose node values have a `covariance` (n, n), None where none does; of equally
+    simple ones the one that fits best.
 
-    A form needs fewer numbers than the law has nodes.
+    A form needs fewer numbers than the law has nodes.  So few nodes pay too little for a number by BIC: noise bends.
     """
     found = [f for form in FORMS if form.needs(law) and (f := _fitted(form, law, covariance)) is not None and f.fits]
-    return min(found, key=lambda f: f.bic, default=None)
+    return min(found, key=lambda f: (len(f.numbers), f.chi2), default=None)
 
 
 def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:

@@ -1,0 +1,130 @@
+"""Null controls of learned laws: how often would one be learned where there is nothing to learn?
+
+    python benchmarks/learned_laws.py 7000 7010 nulls.jsonl    one campaign per seed; those in the file are skipped
+    python benchmarks/learned_laws.py table nulls.jsonl
+
+Every seed is a campaign of the independent laboratory in tests/truth, all its errors at their usual size and nothing
+hidden.  Its laws are scored by their traces although no verdict asks for one: `best` is what the campaign itself gives.
+`beyond` counts draws of noise and of all nuisances, on the same traces, whose best law would be fitted in full.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+DRAWS = 10_000  # of noise and nuisances on the traces of one campaign
+TRIED = ("pressure_tilt",)  # the catalogue is not asked
+
+
+@dataclass(frozen=True)
+class Traces:
+    """What nuisances leave of the traces of laws: `information` (k, k), and of every law the columns and its size."""
+
+    information: np.ndarray
+    laws: tuple[tuple[np.ndarray, float], ...]
+
+    def gains(self, u: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
+        """ln Bayes factor of every law at its best width (laws, draws), for projected scores u (k, draws)."""
+        out = []
+        for at, size in self.laws:
+            own, mine = self.information[np.ix_(at, at)], u[at]
+            each = []
+            for width in widths:
+                sd = width * size
+                A = np.eye(len(at)) + sd**2 * own
+                gain = 0.5 * sd**2 * np.einsum("ij,ij->j", mine, np.linalg.solve(A, mine))
+                each.append(gain - 0.5 * np.linalg.slogdet(A)[1] - np.log(len(widths)))
+            out.append(np.max(each, axis=0))
+        return np.array(out)
+
+    def drawn(self, rng: np.random.Generator, draws: int) -> np.ndarray:
+        """Scores (k, draws) of data that hold only noise and nuisances: their covariance is the information."""
+        values, vectors = np.linalg.eigh(self.information)
+        return (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.normal(size=(len(values), draws))
+
+
+def traces(calibrated, laws) -> Traces:
+    """Of all laws at the calibrated base."""
+    from flashtemp.discovery import learning
+    from flashtemp.discovery.calibration import Descent
+    from flashtemp.discovery.prediction import Derivatives
+
+    problem, data, made = learning._with(calibrated.problem, calibrated.data, {law.name: law for law in laws})
+    wanted = Derivatives(candidates=tuple(made.values()))
+    descent = Descent(problem, data, calibrated.base.model, (), wanted)
+    fit = descent.take(problem.predictions(descent.tasks())).fit
+    names, own = [], []
+    for law in laws:
+        columns = [c for c in made[law.name].columns() if c in fit.system.index] if law.name in made else []
+        if columns:
+            own.append((len(names) + np.arange(len(columns)), law.unknown.size))
+            names += columns
+    return Traces(fit.system.projected(fit.nuisances, names).information, tuple(own))
+
+
+def one(seed: int) -> dict:
+    """A null: the best law by its traces, and how many draws of noise would have had one."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import learning
+    from flashtemp.discovery.prediction import predict
+    from flashtemp.discovery.problem import prepare
+    from flashtemp.discovery.searched import NAMED, calibrate
+    from flashtemp.runs.workers import crew
+
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as folder, crew(predict, 1) as run:
+        laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
+        calibrated = calibrate(prepare(replace(campaign.load(folder), candidates=TRIED), run))
+        laws = list(learning._laws(calibrated))
+        scored = []
+        for k in range(0, len(laws), learning.TOGETHER):
+            scored += learning._scored(calibrated, laws[k : k + learning.TOGETHER])
+        best = max(scored, key=lambda t: t.ln_bayes)
+        threshold = NAMED + float(np.log(len(laws)))
+        found = traces(calibrated, laws)
+    gains = found.gains(found.drawn(np.random.default_rng([seed, 3]), DRAWS), learning.WIDTHS).max(axis=0)
+    return {
+        "seed": seed, "converged": calibrated.base.converged, "laws": len(laws), "threshold": threshold,
+        "best": [best.law.words, best.ln_bayes], "draws": DRAWS, "beyond": int(np.sum(gains > threshold)),
+        "largest": float(gains.max()), "cpu_s": time.process_time() - began,
+    }  # fmt: skip
+
+
+def run(first: int, last: int, file: Path) -> None:
+    """All seeds first..last-1 that the file does not hold yet."""
+    done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
+    for seed in range(first, last):
+        if seed not in done:
+            found = one(seed)
+            with file.open("a") as out:
+                out.write(json.dumps(found) + "\n")
+            print(found, flush=True)
+
+
+def table(file: Path) -> None:
+    """Counts over all nulls of a file."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    own = sum(r["best"][1] > r["threshold"] for r in rows)
+    beyond, draws = (sum(r[k] for r in rows) for k in ("beyond", "draws"))
+    print(f"{len(rows)} campaigns: {own} whose best law would be fitted in full, largest ln Bayes factor "
+          f"{max(r['best'][1] for r in rows):.1f} of {min(r['threshold'] for r in rows):.1f} needed")  # fmt: skip
+    print(f"{draws} draws of noise and nuisances: {beyond} ({100 * beyond / draws:.3f} %), largest "
+          f"{max(r['largest'] for r in rows):.1f}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "table":
+        table(Path(sys.argv[2]))
+    else:
+        run(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]))

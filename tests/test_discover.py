@@ -330,13 +330,17 @@ def test_where_nothing_is_hidden_nothing_is_found(found, name):
 
 
 @pytest.mark.long
-def test_a_shape_that_no_member_has_is_unexplained(found):
-    """A W of the pressure: the gate of pressures of any shape opens and no cause is given."""
+def test_a_shape_that_no_member_has_is_learned(found):
+    """A W of the pressure: no cause of the catalogue is given, and the curve is that W to a tenth of its height."""
     now = found("W-shaped")
-    assert (now.verdict, now.causes) == ("unexplained", [])
-    gate = now.gates["pressure of any shape (chi2 of modes)"]
-    assert gate["value"] > 2 * gate["limit"]
-    assert "not in the catalogue" in now.says[0]
+    assert (now.verdict, now.names) == ("learned", ["learned"])
+    assert (now.law["quantity"], now.law["argument"]) == ("pressure", "place")
+    weight = now.truth["hidden"]["pressure_profile"]["weight"]
+    at, curve = np.array(now.law["curve"]["argument"]), np.array(now.law["curve"]["value"])
+    true = 1.0 + weight * (np.interp(at, *zip(*W, strict=True)) - 1.0)
+    assert np.abs(curve - true / true.mean()).max() < 0.1 * np.ptp(true)
+    assert now.law["formula"] == ""
+    assert "nothing in the catalogue" in now.says[0]
 
 
 @pytest.mark.long

@@ -8,10 +8,6 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import before_after, candidates, difference, learned_law, missing_heat, theme, whitened_maps
 
-LAW = (
-    "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
-    "learned.py, between which it is a line; the thin line is what the case says."
-)
 CAPTIONS = {
     "what_is_wrong": (
         "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.viz import theme
+from flashtemp.viz import html, theme
+
+CAPTION = (
+    "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
+    "learned.py, between which it is a line; the thin line is what the case says."
+)
+
+
+def section(verdict, figures) -> list[str]:
+    """Heading and picture of a learned law for a report; nothing where none was learned."""
+    if "law" not in figures:
+        return []
+    words = verdict.law.words
+    return [f"<h2>{escape(words[0].upper() + words[1:])}</h2>", html.figure(figures["law"], words, CAPTION)]
 
 
 @theme.styled

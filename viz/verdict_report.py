@@ -138,14 +138,11 @@ def _look(v: Verdict) -> list[str]:
 # --- pictures ---------------------------------------------------------------------------------------
 def _pictures(v: Verdict) -> list[str]:
     """Six sections, each with its picture or a word why there is none, and its tables."""
-    from flashtemp.viz import discovery, verdict_parts
+    from flashtemp.viz import discovery, learned_law, verdict_parts
 
     figures = discovery.figures(v)
     tables = {"what_is_wrong": _chosen, "not_noise": _tests, "else": _rivals, "gained": _before_after}
-    out = []
-    if "law" in figures and v.law is not None:
-        out += [f"<h2>{escape(v.law.words[0].upper() + v.law.words[1:])}</h2>"]
-        out += [html.figure(figures["law"], v.law.words, discovery.LAW)]
+    out = learned_law.section(v, figures)
     for number, name in enumerate(discovery.CAPTIONS, 1):
         head = verdict_parts.head(v, name)
         out.append(f"<h2>{number}. {escape(head)}</h2>")

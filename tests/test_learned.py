@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from flashtemp.discovery import learning
 from flashtemp.discovery.formula import formula
+from flashtemp.discovery.searched import NAMED
 from flashtemp.discovery.unknown_law import ARGUMENTS, NAME, NODES, UNKNOWNS, Law, given, spread
 from flashtemp.model.case import load
 from flashtemp.physics.own_effects import read
@@ -20,6 +24,7 @@ from flashtemp.runs.effect_check.battery import examine
 from flashtemp.runs.effect_check.scenes import Bench, Trial
 from flashtemp.solver.march import march
 
+BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "learned_laws.py"
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 TINY = {"numerics.mesh": 0.3, "numerics.rtol": 1e-3, "schedule.distance": 0.1, "schedule.repetitions": 1}
 REACHED = {"temperature": (20.0, 80.0), "inside": (20.0, 60.0), "speed": (0.05, 0.8), "pressure": (5e4, 2e5),
@@ -166,3 +171,48 @@ def test_no_formula_is_given_where_none_fits():
     known = formula(told, np.eye(5))  # known so badly that it may be anything
     assert known is not None
     assert known.name == "constant"
+
+
+# --- nulls ----------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def benchmark():
+    spec = importlib.util.spec_from_file_location("learned_laws", BENCHMARK)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["learned_laws"] = module  # dataclasses look their module up there
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_gains_of_laws_are_ratios_of_evidence(benchmark):
+    """Against densities of the data themselves: noise of 1, with and without two columns of normal size."""
+    rng = np.random.default_rng(2)
+    C, size = rng.normal(size=(12, 3)), 0.4
+    r = C @ np.array([0.5, -0.3, 0.0]) + rng.normal(size=12)
+    found = benchmark.Traces(C.T @ C, ((np.array([0, 2]), size),))
+    widths = (0.5, 2.0)
+    said = found.gains((C.T @ r)[:, None], widths)[0, 0]
+    both = C[:, [0, 2]]
+    wanted = [multivariate_normal(cov=np.eye(12) + (w * size) ** 2 * both @ both.T).logpdf(r) for w in widths]
+    assert said == pytest.approx(max(wanted) - multivariate_normal(cov=np.eye(12)).logpdf(r) - np.log(2), abs=1e-9)
+
+
+def test_noise_alone_seldom_speaks_for_a_law(benchmark):
+    """Markov: of data without a law at most one in e^8 gives one of 20 laws a Bayes factor of 20 e^8 (mean 1 each)."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(100, 200))
+    found = benchmark.Traces(root @ root.T, tuple((np.arange(k, k + 5), 0.3) for k in range(0, 100, 5)))
+    u = found.drawn(np.random.default_rng(6), 20_000)
+    np.testing.assert_allclose(np.cov(u)[:5, :5], found.information[:5, :5], atol=0.05 * found.information[0, 0])
+    gains = found.gains(u, learning.WIDTHS)
+    assert np.mean(gains.max(axis=0) > NAMED + np.log(20)) < 0.005
+    assert gains.max() > 0.0
+
+
+@pytest.mark.long
+def test_nothing_speaks_for_a_law_where_nothing_is_hidden(benchmark):
+    """An independent laboratory with all its errors; about 100 CPU seconds."""
+    found = benchmark.one(7000)
+    assert found["converged"]
+    assert found["laws"] > 15
+    assert found["best"][1] < found["threshold"]
+    assert found["beyond"] <= 0.005 * found["draws"]

@@ -56,13 +56,16 @@ def traces(calibrated, laws) -> Traces:
     """Of all laws at the calibrated base."""
     from flashtemp.discovery import learning
     from flashtemp.discovery.calibration import Descent
+    from flashtemp.discovery.parameters import ParameterId
     from flashtemp.discovery.prediction import Derivatives
 
     problem, data, made = learning._with(calibrated.problem, calibrated.data, {law.name: law for law in laws})
     wanted = Derivatives(candidates=tuple(made.values()))
     descent = Descent(problem, data, calibrated.base.model, (), wanted)
     fit = descent.take(problem.predictions(descent.tasks())).fit
-    names, own = [], []
+    assert fit is not None  # a first step never goes back
+    names: list[ParameterId] = []
+    own = []
     for law in laws:
         columns = [c for c in made[law.name].columns() if c in fit.system.index] if law.name in made else []
         if columns:
@@ -79,13 +82,14 @@ def one(seed: int) -> dict:
     from flashtemp.discovery import learning
     from flashtemp.discovery.prediction import predict
     from flashtemp.discovery.problem import prepare
-    from flashtemp.discovery.searched import NAMED, calibrate
+    from flashtemp.discovery.searched import NAMED, Search, calibrate
     from flashtemp.runs.workers import crew
 
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder, crew(predict, 1) as run:
         laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
-        calibrated = calibrate(prepare(replace(campaign.load(folder), candidates=TRIED), run))
+        base = calibrate(prepare(replace(campaign.load(folder), candidates=TRIED), run))
+        calibrated = Search(base.problem, base.data, base.refused, base.base, base.base, {})
         laws = list(learning._laws(calibrated))
         scored = []
         for k in range(0, len(laws), learning.TOGETHER):

@@ -165,6 +165,17 @@ def test_a_formula_is_found_where_it_holds(name):
     assert found.name == name, found
 
 
+def test_the_numbers_of_a_formula_give_its_curve():
+    """A step between the first two nodes, written out again."""
+    told = replace(law(*pair("friction", "slid")), values=(0.0, 0.5, 0.5, 0.5, 0.5))
+    found = formula(told, np.eye(5) * 1e-6)
+    assert found is not None
+    assert found.name == "saturating"
+    a, b, w = found.numbers
+    curve = a * (1.0 + b * -np.expm1(-np.linspace(0.0, 1.0, 5) / w))
+    np.testing.assert_allclose(np.log(curve), told.values, atol=3e-3)
+
+
 def test_no_formula_is_given_where_none_fits():
     told = replace(law(*pair("pressure", "place")), values=(0.2, -0.25, 0.2, -0.25, 0.2))
     assert formula(told, np.eye(5) * 1e-6) is None

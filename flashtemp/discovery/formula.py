@@ -13,8 +13,7 @@ from scipy.stats import chi2
 from flashtemp.discovery.unknown_law import Law
 from flashtemp.physics.quantities import KELVIN
 
-GAS = 8.314462618  # J/(mol K)
-WIDE = ("saturating", "peak")  # their last number is a width
+NARROWEST = {"saturating": 0.02, "peak": 0.05}  # forms whose last number is a width, and its least
 LIKELY = 0.05  # probability of so large a misfit, below which a formula does not fit
 Array = npt.NDArray[np.float64]
 
@@ -35,14 +34,13 @@ class Form:
 
 @dataclass(frozen=True)
 class Formula:
-    """A form with its `numbers`: in `words`, the misfit `chi2` of `free` degrees of freedom, and `bic`."""
+    """A form with its `numbers`: in `words`, the misfit `chi2` of `free` degrees of freedom."""
 
     name: str
     words: str
     numbers: tuple[float, ...]
     chi2: float
     free: int
-    bic: float
 
     @property
     def fits(self) -> bool:
@@ -57,6 +55,11 @@ def _warm(law: Law) -> bool:
     return law.argument.unit == "degC"
 
 
+def _wide(w: float, name: str) -> float:
+    """The width of a form: positive, and no narrower than nodes can show."""
+    return max(abs(w), NARROWEST[name])
+
+
 # u: the argument; s: its share of the range; r: the argument over its middle
 FORMS = (
     Form("constant", "{0:.4g}", lambda u, s, r, a: a + 0.0 * s, ((1.0,),)),
@@ -64,18 +67,18 @@ FORMS = (
     Form("power", "{0:.4g} r^{1:.3g}", lambda u, s, r, a, n: a * r**n, ((1.0, 0.3), (1.0, -0.3)), _positive),
     Form("exponential", "{0:.4g} exp({1:.3g} s)", lambda u, s, r, a, b: a * np.exp(b * s), ((1.0, 0.3), (1.0, -0.3))),
     Form(
-        "Arrhenius", "{0:.4g} exp({1:.3g} (T_m/T - 1)), T in K",
+        "Arrhenius", "{0:.4g} exp({1:.3g} (T_m/T - 1)), T in K, T_m the mean of the nodes",
         lambda u, s, r, a, e: a * np.exp(e * ((np.mean(u) + KELVIN) / (u + KELVIN) - 1.0)),
         ((1.0, 1.0), (1.0, -1.0)), _warm,
     ),
     Form(
         "saturating", "{0:.4g} (1 + {1:.3g} (1 - exp(-s/{2:.3g})))",
-        lambda u, s, r, a, b, w: a * (1.0 + b * (1.0 - np.exp(-s / max(abs(w), 0.02)))),
+        lambda u, s, r, a, b, w: a * (1.0 + b * (1.0 - np.exp(-s / _wide(w, "saturating")))),
         ((1.0, 0.3, 0.3), (1.0, -0.3, 0.3)),
     ),
     Form(
         "peak", "{0:.4g} (1 + {1:.3g} exp(-(s - {2:.3g})^2/(2 {3:.3g}^2)))",
-        lambda u, s, r, a, h, m, w: a * (1.0 + h * np.exp(-0.5 * ((s - m) / max(abs(w), 0.05)) ** 2)),
+        lambda u, s, r, a, h, m, w: a * (1.0 + h * np.exp(-0.5 * ((s - m) / _wide(w, "peak")) ** 2)),
         ((1.0, 0.3, 0.5, 0.25), (1.0, -0.3, 0.5, 0.25), (1.0, 0.3, 0.2, 0.25), (1.0, 0.3, 0.8, 0.25)),
     ),
 )  # fmt: skip
@@ -110,9 +113,10 @@ def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
 
     best = min((least_squares(left, start, method="trf", x_scale=0.3) for start in form.starts), key=lambda f: f.cost)
     misfit = 2.0 * float(best.cost)
-    numbers = (size * best.x[0], *best.x[1:-1], *((abs(best.x[-1]),) if form.name in WIDE else best.x[1:][-1:]))
-    bic = misfit + count * float(np.log(len(u)))
-    return Formula(form.name, form.words.format(*numbers), tuple(map(float, numbers)), misfit, len(u) - count, bic)
+    numbers = [size * float(best.x[0]), *map(float, best.x[1:])]
+    if form.name in NARROWEST:
+        numbers[-1] = _wide(numbers[-1], form.name)
+    return Formula(form.name, form.words.format(*numbers), tuple(numbers), misfit, len(u) - count)
 
 
 def legend(law: Law) -> str:

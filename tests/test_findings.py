@@ -23,6 +23,7 @@ from flashtemp.discovery.verdict import (
     Estimate,
     Fitness,
     Held,
+    LearnedLaw,
     Missing,
     OwnValue,
     Pull,
@@ -155,6 +156,11 @@ CAUSE = Cause(
     (OwnValue("pressure 0.05 MPa, speed 0.1 m/s", 1.70, 0.08), OwnValue("pressure 0.1 MPa, speed 0.2 m/s", 1.74, 0.06)),
     0.41,
 )  # fmt: skip
+AT = np.linspace(20.0, 60.0, 9)
+LAW = LearnedLaw(
+    "friction.mu", "T", "friction.mu as a function of T", "1", "degC", "linear, 1.0 + 0.01 T", AT, 1 + 0.01 * AT,
+    0.9 + 0.01 * AT, 1.1 + 0.01 * AT, (20.0, 40.0, 60.0), {"friction.mu over v": 11.0},
+)  # fmt: skip
 SIGNS = np.corrcoef(np.random.default_rng(5).normal(size=(len(NAMES), 12)))
 NUISANCE = tuple(
     Pull(n, value, 0.01, pull, unit)
@@ -230,6 +236,10 @@ def verdict(kind, count=2, **changes):
             "says": ("A key that was held explains what a cause would: friction.mu was held at 0.8.",),
             "held_key": Held("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, True, "friction.mu was held at 0.8"),
         },
+        "learned": {
+            "causes": (replace(CAUSE, effect="learned", words="mu over T"),), "says": ("Learned: mu over T.",),
+            "law": LAW,
+        },
         "no_verdict": none | {
             "says": ("The calibration did not converge: three starts ended in different places.",), "rivals": (),
             "certificate": {"converged": False, "largest_step": 0.7}, "before": (), "missing": (), "separability": None,
@@ -280,7 +290,16 @@ class Reader(HTMLParser):
         return [r for r in self.rows[at + 1 :] if len(r) == len(self.rows[at])]
 
 
-PICTURES = {"named": 6, "weak": 6, "group": 5, "none_needed": 5, "unexplained": 5, "no_verdict": 0, "held_key": 5}
+PICTURES = {
+    "named": 6,
+    "learned": 7,
+    "weak": 6,
+    "group": 5,
+    "none_needed": 5,
+    "unexplained": 5,
+    "no_verdict": 0,
+    "held_key": 5,
+}
 
 
 @pytest.fixture(scope="module")
@@ -300,12 +319,21 @@ def pages(tmp_path_factory):
     return page
 
 
+@pytest.fixture
+def unpainted(monkeypatch):
+    """Pages without pictures, which take their time."""
+    monkeypatch.setattr(discovery, "figures", lambda verdict: {})
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.sample("named", "no_verdict")
 def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
     html, reader = pages(kind)
     assert html.startswith("<!DOCTYPE html>")
-    assert {"script", "link", "a", "iframe"}.isdisjoint(reader.tags)
+    assert {"script", "link", "iframe"}.isdisjoint(reader.tags)
+    marks = [v for _, name, v in reader.attributes if name == "id"]
+    assert len(set(marks)) == len(marks)
+    assert {v for _, name, v in reader.attributes if name == "href"} <= {f"#{m}" for m in marks}
     assert not re.search(r"https?:|url\(|@import", html)
     sources = [v for _, name, v in reader.attributes if name == "src"]
     assert all(v.startswith("data:image/png;base64,") for v in sources)
@@ -313,6 +341,9 @@ def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
     assert all(p.startswith(b"\x89PNG") for p in pictures)
     assert len(set(pictures)) == len(pictures) == PICTURES[kind]
     assert reader.tags.count("figcaption") == len(pictures)
+    told = [v for _, name, v in reader.attributes if name == "alt"]
+    assert len(set(told)) == len(pictures)
+    assert all(len(v) > 40 for v in told)
     assert not any(name.startswith("on") for _, name, _ in reader.attributes)
     assert reader.bare == 0
     assert TITLE in reader.text
@@ -344,9 +375,9 @@ def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
     assert rival[:6] == ["third body", "third_body.r = 0.450 ± 0.050 W/m²/K", "96", "full fit", "180", "0.90"]
     assert "third_body.r" in reader.table("effect", "parameter")[0]
     assert ["chi2/dof (–)", "13.20", "1.00"] in reader.rows or ["chi2/dof (–)", "13.2", "1.00"] in reader.rows
-    assert reader.table("test for structure")[0] == ["Moran's I", "sidewall_0.nc", "before", "0.31", "0.001"]
+    assert reader.table("test for structure")[0] == ["Moran's I", "sidewall_0.nc", "base", "0.31", "0.001"]
     assert ["block.k", "0.05"] in reader.rows
-    assert ["pressure modes", "4.2", "20", "yes"] in reader.rows
+    assert ["pressure modes", "", "4.2", "20", "yes"] in reader.rows
     assert "Rest 10 min before repetition 11: it separates <track memory> from drift." in reader.text
     assert "<track memory>" not in pages("named")[0]
 
@@ -372,6 +403,93 @@ def test_a_verdict_without_anything_is_still_a_page():
         reader = Reader(verdict_report.text(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
         assert "None was issued" in reader.text
+
+
+def test_the_page_is_the_answer_one_picture_and_a_list_of_the_rest(pages):
+    """Every section after the first picture is in the list, in its order."""
+    html, reader = pages("named")
+    body = html[html.index("<body>") :]
+    assert body.index('class="answer"') < body.index("<img") < body.index("<nav")
+    assert body[: body.index("<nav")].count("<img") == body[: body.index("<nav")].count("<h2") == 1
+    listed = [v[1:] for _, name, v in reader.attributes if name == "href"]
+    assert listed == re.findall(r'<h2 id="([^"]+)"', body[body.index("</nav>") :])
+    assert listed[0] == "not-noise"
+    assert len(listed) == 12
+
+
+def test_what_is_long_is_folded(pages):
+    html, _ = pages("named")
+    folds = "".join(re.findall(r"<details>.*?</details>", html, re.S))
+    for words in ("test for structure", "standard deviation of what was known", "detectable at 5 sigma"):
+        assert words in folds
+    assert html.count("<details>") == html.count("<summary>") >= 5
+    assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
+    unlikely = [r.effect.replace("_", " ") for r in RIVALS if r.score <= 0]
+    assert all(f"<td>{name}</td>" in folds for name in unlikely)
+    assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td><td class" not in folds
+
+
+def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_changes_nothing(unpainted):
+    gain = {"file": "wake_<1>.nc", "changed_K": 0.0021, "share": 0.0014, "friction": 0.0, "left_out_K": (0.05, 0.05)}
+    small = replace(BASE, rmse_K=0.058412, mean_map_rmse_K=0.02, near_contact_rmse_K=0.03, held_out_rmse_K=0.0584)
+    for smaller, grade in ((0.05840, "near"), (0.0560, "good")):
+        v = verdict("named", gain=gain, base=small, extended=replace(small, rmse_K=smaller), before=(), after=())
+        html = verdict_report.text(v)
+        assert f'<div class="verdict {grade}">' in html
+        assert ("but it hardly changes what is computed" in html) == (grade == "near")
+        assert "wake_&lt;1&gt;.nc by 0.0021 K root mean square (0.14 % of its rise)" in html
+        assert ("stay at 0.0584 K root mean square" in html) == (grade == "near")
+    assert '<div class="verdict near">' in verdict_report.text(
+        verdict("learned", gain=gain, base=small, extended=small, before=(), after=())
+    )
+
+
+def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
+    """The heading claims structure only where maps or tests show it; both are said in numbers."""
+    page = verdict_report.text(verdict("named", 1))
+    assert "2. It is not noise" in page
+    quiet = recordings(1, 0.0)[0]
+    chance = tuple(Test(f"test {i}", "wall.nc", 0.1, p) for i, p in enumerate((0.01, 0.2, 0.5, 0.9)))
+    page = verdict_report.text(verdict("named", 1, before=quiet, after=quiet, tests=chance))
+    assert "It is not noise" not in page
+    assert "1 of 4 tests find" in page
+    assert "noise alone may do as much" in page
+    sure = tuple(replace(t, p=0.01) for t in chance)
+    page = verdict_report.text(verdict("named", 1, before=quiet, after=quiet, tests=sure))
+    assert "2. It is not noise" in page
+    assert "4 of 4 tests find" in page
+    share = 100 * np.mean([np.abs(v) > 3 for v in verdict_parts.means(quiet[0]).ravel() if np.isfinite(v)])
+    assert verdict_parts.beyond(quiet[0]) == pytest.approx(share / 100)
+
+
+def test_every_gate_has_plain_words(unpainted):
+    for question, measure, wrong in wording.GATES.values():
+        assert len({question, measure, wrong}) == 3
+        assert "modes" not in question + wrong
+    text = Reader(
+        verdict_report.text(verdict("named", gates=dict.fromkeys(wording.GATES, (5.0, 4.0)), before=(), after=()))
+    )
+    rows = text.table("what was checked")
+    assert [r[0] for r in rows] == [g[0] for g in wording.GATES.values()]
+    assert {r[-1] for r in rows} == {"no"}
+
+
+def test_colour_bars_begin_and_end_at_a_number():
+    for part in difference.draw(verdict("named", 1)).subfigs:
+        images = part.axes[0].images[0], part.axes[2].images[0]
+        for picture in images:
+            ticks = picture.colorbar.get_ticks()
+            assert (ticks[0], ticks[-1]) == (picture.norm.vmin, picture.norm.vmax)
+            assert 4 <= len(ticks) <= 8
+            assert np.all(np.round(10 * ticks / (ticks[1] - ticks[0])) % 5 == 0)
+
+
+def test_the_frame_shown_is_of_a_difference_that_stands_out_or_hot():
+    s = both()[0]
+    shown = difference._frame(s)
+    assert TIME[shown] == s.largest.time
+    faint = replace(s, largest=replace(s.largest, sigma=4.0, time=TIME[0]))
+    assert difference._frame(faint) == verdict_parts.hottest(s, np.arange(len(TIME))) != 0
 
 
 # --- pictures ---------------------------------------------------------------------------------------
@@ -517,13 +635,13 @@ def test_what_was_not_tried_has_no_bar_and_no_score():
         ("named", "ln Bayes factor"),
         ("weak", "A hint, no proof: Cause:"),
         ("group", "these data cannot tell which of these it is"),
-        ("unexplained", "not in the catalogue: pressure modes beyond what fits"),
+        ("unexplained", "not in the catalogue: the pressure would have to be bent to fit (42, at most 25)."),
         ("none_needed", "No extension is needed"),
     ],
 )
 def test_every_verdict_is_said_in_words(kind, said):
     """The first sentence says what is missing; it names no cause for sure unless the verdict does."""
-    gates = {"generic structure left": (-310.0, -150.0), "pressure modes": (42.0, 20.0)}
+    gates = {"generic structure left": (-310.0, -150.0), "pressure of any shape (chi2 of modes)": (42.0, 25.0)}
     made = replace(verdict(kind), gates=gates, group=("wear", "radiation") if kind == "group" else ())
     first, *_ = wording.says(made, catalogue())
     assert said in first

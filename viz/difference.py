@@ -23,6 +23,8 @@ SMOOTH = 3  # pixels along a side, averaged before the contour
 ROW, MARGIN = 1.12, 0.95  # inches of a row, and of what is around all rows of a view
 AXIS = {"sidewall": "z (mm)", "wake": "y (mm)"}
 COLUMNS = ("measured", "computed (base)", "measured − computed")
+TICKS = 6  # steps of a colour bar of temperatures
+SLACK = 0.25  # of a step that may lie beyond the ends of a colour bar
 FIRST, LAST = "#0072B2", "#D55E00"  # repetitions
 
 
@@ -74,7 +76,8 @@ def _images(part, view: str, own: list) -> None:
         (axes[:, 2], axes[0, 2].images[0], "difference (K)"),
     ):
         extend = _extend([ax.images[0] for ax in np.ravel(columns)])
-        bar = part.colorbar(picture, ax=columns, label=label, location="bottom", aspect=30, pad=0.02, extend=extend)
+        bar = part.colorbar(picture, ax=columns, label=label, location="bottom", aspect=25, pad=0.02, extend=extend)
+        bar.set_ticks(_ticks(picture.norm))
         bar.outline.set_linewidth(0.4)
     legend(axes[-1, 3], own).set_in_layout(False)  # it lies beside the colour bars
 
@@ -98,9 +101,9 @@ def _profiles(part, own: list) -> None:
 
 
 def _frame(seeing) -> int:
-    """The frame of the largest difference, else the hottest."""
+    """The frame of the largest difference; the hottest where none stands out from noise."""
     time = seeing.view.recording.time
-    if seeing.largest is None:
+    if not verdict_parts.stands_out(seeing):
         return verdict_parts.hottest(seeing, np.arange(len(time)))
     return int(np.argmin(np.abs(time - seeing.largest.time)))
 
@@ -116,7 +119,18 @@ def _norms(own: list, frames: list[int]) -> tuple[Normalize, Normalize]:
             warm += [np.percentile(pair.recording.temperature[k][good], (0.5, 99.5)), pair.before.predicted[k][good]]
             most = max(most, 3.0 * pair.before.noise.white, float(np.percentile(np.abs(off[good]), 99.5)))
     limit = theme.nice_ceil(most) if most > 0 else 1.0
-    return theme.temperature_norm(*warm), Normalize(-limit, limit)
+    warmest = theme.temperature_norm(*warm)
+    ends = _ticks(warmest)
+    return Normalize(ends[0], ends[-1]), Normalize(-limit, limit)
+
+
+def _ticks(norm) -> np.ndarray:
+    """Round numbers from one end of a colour bar to the other, or a little beyond it."""
+    if norm.vmin == -norm.vmax:
+        return np.linspace(norm.vmin, norm.vmax, 5)
+    ticks = MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]).tick_values(norm.vmin, norm.vmax)
+    some = SLACK * (ticks[1] - ticks[0])
+    return ticks[int(ticks[1] - norm.vmin < some) : len(ticks) - int(norm.vmax - ticks[-2] < some)]
 
 
 def _map(norm):

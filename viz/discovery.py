@@ -11,7 +11,8 @@ from flashtemp.viz import before_after, candidates, difference, learned_law, mis
 CAPTIONS = {
     "what_is_wrong": (
         "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "
-        "measured minus computed at the moment of the largest difference (red: measured hotter; the black line "
+        "measured minus computed at the moment of the largest difference, or the hottest where none stands out from "
+        "noise (red: measured hotter; the black line "
         "encloses what differs by more than 3 sigma, of which noise alone draws a few specks); at the right T(x), "
         "where dots off the dashed line show what the base misses and the drawn line, if any, what the extended "
         "model makes of it."

@@ -1,4 +1,4 @@
-"""What all HTML files share: one style, the frame of the page, tables, pictures inside, paragraphs and terms."""
+"""What all HTML files share: style, frame of the page, contents, tables, folds, pictures, paragraphs and terms."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ table { border-collapse: collapse; font-size: .8rem; line-height: 1.35; font-var
 th, td { text-align: right; vertical-align: top; padding: .3rem .55rem; border-bottom: 1px solid #ddd; }
 th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
 th:first-child, td:first-child, .text { text-align: left; }
+nav ul { list-style: none; padding: 0; margin: .3rem 0; columns: 2; font-size: .9rem; max-width: 46rem; }
+a { color: #0b5c8a; } details { margin: .6rem 0; } summary { cursor: pointer; font-size: .9rem; color: #0b5c8a; }
 figure { margin: 1rem 0; } img { width: 100%; height: auto; }
 figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 @media print {
   body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
   table { font-size: 7pt; } th, td { padding: 1pt 3pt; } .wide { overflow: visible; }
+  details::details-content { content-visibility: visible; block-size: auto; }
   figure, .verdict, tr { break-inside: avoid; } h2, h3 { break-after: avoid; }
 }
 """
@@ -65,6 +68,22 @@ def terms(some: Iterable[tuple[str, str]]) -> str:
     return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in some), "</dl>"])
 
 
+def heading(text: str, mark: str) -> str:
+    """A heading of a section that the contents list leads to by its `mark`."""
+    return f'<h2 id="{escape(mark)}">{escape(text)}</h2>'
+
+
+def contents(sections: Iterable[tuple[str, str]]) -> str:
+    """A list of the sections of the page, by mark and heading."""
+    items = (f'<li><a href="#{escape(mark)}">{escape(text)}</a></li>' for mark, text in sections)
+    return "\n".join(['<nav aria-label="contents">', "<ul>", *items, "</ul>", "</nav>"])
+
+
+def fold(title: str, parts: Iterable[str]) -> str:
+    """Parts of a page that open when their title is clicked."""
+    return "\n".join([f"<details>\n<summary>{escape(title)}</summary>", *parts, "</details>"])
+
+
 def table(head: list[str], rows: list[list[str]]) -> str:
     """An HTML table of text; what is longer than a number is set flush left."""
 
@@ -79,7 +98,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def figure(fig, alt: str, caption: str) -> str:
-    """A picture inside the file, with its caption."""
+    """A picture inside the file, with its caption; `alt` says what it shows to those who cannot see it."""
     from flashtemp.viz.theme import DPI
 
     held = io.BytesIO()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import html, theme
+from flashtemp.viz.numbers import number
 
 CAPTION = (
     "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
@@ -15,12 +14,18 @@ CAPTION = (
 )
 
 
-def section(verdict, figures) -> list[str]:
-    """Heading and picture of a learned law for a report; nothing where none was learned."""
+def section(verdict, figures) -> list[tuple[str, str, list[str]]]:
+    """Mark, heading and picture of a learned law for a report; nothing where none was learned."""
     if "law" not in figures:
         return []
-    words = verdict.law.words
-    return [f"<h2>{escape(words[0].upper() + words[1:])}</h2>", html.figure(figures["law"], words, CAPTION)]
+    law = verdict.law
+    over, unit = ("" if u == "1" else f" {u}" for u in (law.argument_unit, law.unit))
+    first, last = (
+        f"{number(law.curve[i])} ({number(law.low[i])} to {number(law.high[i])}){unit} at {number(law.at[i])}{over}"
+        for i in (0, -1)
+    )
+    picture = html.figure(figures["law"], f"{law.words}: {first}, {last}", CAPTION)
+    return [("law", f"{law.words[0].upper()}{law.words[1:]}", [picture])]
 
 
 @theme.styled

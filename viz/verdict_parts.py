@@ -14,6 +14,11 @@ from flashtemp.viz.residuals import condition, plain
 
 WIDTH = 9.6  # inches
 MOST = 4  # conditions that are drawn
+BEYOND = 3.0  # sigma
+MANY = 0.01  # share of pixels beyond it from which noise is not all; of noise alone it is 0.003
+RARE = 0.01  # share of noise-only data; the simulations of a test are too few to tell smaller ones
+SURE = 0.001  # chance of so many rare tests together from which structure is claimed
+CHANCE = 6.0  # sigma up to which the largest difference of a recording may be noise: among so many places it gets to 5
 NEAR = 1e-3  # m from the contact, or from the centre line, over which T(x) is averaged
 HEADS = {
     "what_is_wrong": "What is wrong",
@@ -69,6 +74,11 @@ def difference(pair: Pair) -> float:
     return float(value) if np.isfinite(value) else 0.0
 
 
+def stands_out(seeing) -> bool:
+    """Whether the largest structured difference of a recording is more than noise reaches among so many places."""
+    return seeing.largest is not None and abs(seeing.largest.sigma) > CHANCE
+
+
 def shown(verdict) -> list[list[Pair]]:
     """At most MOST conditions, those with the largest differences, with one recording of every view."""
     groups = every(verdict)
@@ -98,9 +108,24 @@ def by_view(groups: list[list[Pair]]) -> dict[str, list[Pair]]:
 # --- figures ----------------------------------------------------------------------------------------
 def head(verdict, name: str) -> str:
     """The heading of a picture, which for a sound model claims no fault."""
-    if verdict.kind == "none_needed" and name in SOUND:
+    if name in SOUND and (verdict.kind == "none_needed" or (name == "not_noise" and not noisy(verdict))):
         return SOUND[name]
     return "What was tried" if name == "why" and not verdict.causes else HEADS[name]
+
+
+def noisy(verdict) -> bool:
+    """Whether maps or tests show that what the base leaves is more than noise; true where neither was made."""
+    maps = [beyond(p.before) for g in shown(verdict) for p in g if p.recording.places is None]
+    tests = [t for t in verdict.tests if t.stage == "before"]
+    return not (maps or tests) or structure(tests)[1] or max(maps, default=0.0) > MANY
+
+
+def structure(tests: list) -> tuple[int, bool]:
+    """How many tests are as rare as RARE in noise alone, and whether so many cannot be chance."""
+    from scipy.stats import binom
+
+    count = sum(t.p <= RARE for t in tests)
+    return count, bool(count and binom.sf(count - 1, len(tests), RARE) < SURE)
 
 
 def titled(verdict, words: str, width: float, height: float) -> Figure:
@@ -169,7 +194,7 @@ def where(seeing) -> str:
         return "along the block"
     v = 1e3 * recording.v[rows(seeing)]
     axis = "z" if recording.view == "sidewall" else "y"
-    return f"mean of {axis} = {theme.number(v[0], 2)} to {theme.number(v[-1], 2)} mm"
+    return f"mean of {axis} = {theme.number(v[0], 2)} to {theme.number(v[-1], 2)} mm".replace("-", "−")
 
 
 def line(seeing, values: np.ndarray, frame: int) -> np.ndarray:
@@ -200,3 +225,10 @@ def means(seeing) -> np.ndarray:
     count = good.sum(axis=0)
     total = np.where(good, seeing.sigmas, 0.0).sum(axis=0)
     return np.where(count > 0, total / np.sqrt(np.maximum(count, 1)), np.nan)
+
+
+def beyond(seeing) -> float:
+    """The share of the pixels compared whose mean over frames is beyond 3 sigma; noise alone: 0.003."""
+    values = means(seeing)
+    good = values[np.isfinite(values)]
+    return float(np.mean(np.abs(good) > BEYOND)) if len(good) else 0.0

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme, verdict_parts
 from flashtemp.viz.difference import AXIS, image
 from flashtemp.viz.residuals import against
+from flashtemp.viz.verdict_parts import BEYOND
 
 SIGMA = "PuOr_r"
 CLIP = 5.0  # sigma where the colours end
-BEYOND = 3.0
 VIEW = {"sidewall": "side wall", "wake": "wake", "profile": "profile"}
 ROW = 1.15  # inches
 
@@ -62,8 +62,7 @@ def draw(verdict) -> Figure:
 def _map(ax, seeing, stage: str) -> None:
     """One map with the share of pixels beyond 3 sigma; a profile as dots with its band."""
     r, values = seeing.view.recording, verdict_parts.means(seeing)
-    good = values[np.isfinite(values)]
-    share = float(np.mean(np.abs(good) > BEYOND)) if len(good) else 0.0
+    share = verdict_parts.beyond(seeing)
     ax.set_title(f"{VIEW[r.view]}, {stage}: {100 * share:.2g} % beyond ±{BEYOND:g}", fontsize=7.0, pad=3)
     if r.view == "profile":
         against(ax, 1e3 * r.u, values[0], np.full(len(r.u), BEYOND))

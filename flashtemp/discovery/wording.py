@@ -23,6 +23,34 @@ CALLED = {
     Kind.SIZE: "size of the block,", Kind.FLOOR: "the model's own error in",
 }  # fmt: skip
 
+GATES = {  # what was asked, what it is measured by, and what it means if it does not pass
+    "a third cause (ln Bayes factor)": (
+        "Two causes are enough", "ln Bayes factor of the best third one", "two causes are not enough"),
+    "amplitude differs between conditions (-log10 of its probability)": (
+        "A cause is as strong in every condition", "-log10 of the probability of so much scatter",
+        "the strength of the cause differs from condition to condition more than its errors allow"),
+    "heat of any shape (ln Bayes factor)": (
+        "No other heat along the contact is asked for", "ln Bayes factor of heat of any shape",
+        "heat of another shape along the contact is asked for"),
+    "pressure of any shape (chi2 of modes)": (
+        "The pressure need not be bent to fit", "chi2 of six cosines of the pressure",
+        "the pressure would have to be bent to fit"),
+    "calibrated parameters (standard deviations)": (
+        "The free keys agree with what was known", "standard deviations of the farthest",
+        "a calibrated key would have to be far from what was known"),
+    "camera and friction scatter (standard deviations)": (
+        "Camera and friction behave as usual", "standard deviations of the farthest",
+        "camera or friction would have to be far from what is usual"),
+    "noise left over (standard errors of chi2)": (
+        "What is left is as small as noise", "standard errors of chi2 of the worst recording",
+        "more than noise is left of a recording"),
+}  # fmt: skip
+
+
+def gate(key: str) -> tuple[str, str, str]:
+    """A check for adequacy in plain words: what holds if it passes, what it is measured by, what is wrong if not."""
+    return GATES.get(key, (key, "", f"{key} beyond what fits"))
+
 
 def called(p: ParameterId) -> str:
     """A nuisance in words.
@@ -113,10 +141,12 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
         more = "Beside it something" if sure else "Something"
         return [*found, *sure, f"{more} is missing, and these data cannot tell which of these it is: {words}."]
     if v.kind == "unexplained":
-        odd = [k for k, (value, limit) in v.gates.items() if value > limit]
+        odd = [
+            f"{gate(k)[2]} ({value:.3g}, at most {limit:g})" for k, (value, limit) in v.gates.items() if value > limit
+        ]
         lines = [*found]
         if odd:
-            lines.append(f"Something is missing that is not in the catalogue: {'; '.join(odd)} beyond what fits.")
+            lines.append(f"Something is missing that is not in the catalogue: {'; '.join(odd)}.")
         if causes:
             lines.append(f"The nearest member is {causes[0].effect}, but it does not explain the data.")
         return [*lines, *_open(v)]

@@ -1,0 +1,193 @@
+"""Tables of a verdict's report: tests, candidates, gains, what was known; what is long is folded."""
+
+from __future__ import annotations
+
+import math
+
+from flashtemp.discovery.verdict import Rival, Verdict
+from flashtemp.discovery.wording import gate
+from flashtemp.viz import html, verdict_parts
+from flashtemp.viz.numbers import (
+    after,
+    chance,
+    detectable,
+    flat,
+    needed,
+    number,
+    plain,
+    plus_minus,
+    ratio,
+    scored,
+    spoken,
+)
+
+TOLD = 1.0  # standard deviations of what was known, from which a nuisance is not folded
+FITNESS = (
+    ("rmse_K", "root mean square difference, noise included (K)"), ("mean_map_rmse_K", "of means over frames (K)"),
+    ("near_contact_rmse_K", "of means over frames, near the contact (K)"), ("chi2_per_dof", "chi2/dof (–)"),
+    ("held_out_rmse_K", "data left out (K)"), ("held_out_z", "data left out, in sigma (–)"),
+)  # fmt: skip
+
+
+# --- is it noise ------------------------------------------------------------------------------------
+def noise(v: Verdict) -> list[str]:
+    """What maps and tests say of the very data that the maps show, in sentences; the tests in a fold."""
+    out = [html.paragraph(line) for line in (*_maps(v), *_counted(v))]
+    if not v.tests:
+        return [*out, html.paragraph("No tests for structure were run.", "small")]
+    left_by = {"before": "base", "after": "extended"}
+    rows = [
+        [t.name, t.where, left_by.get(t.stage, t.stage), number(t.statistic), chance(t.p)]
+        for t in sorted(v.tests, key=lambda t: (t.stage != "before", t.p))
+    ]
+    table = html.table(["test for structure", "recording", "left by", "statistic", "p, simulated"], rows)
+    return [*out, html.fold(f"All {len(rows)} tests for structure", [table])]
+
+
+def _maps(v: Verdict) -> list[str]:
+    """The largest share of pixels beyond 3 sigma in the maps that are drawn, by model."""
+    lines = []
+    for stage, words in (("before", "the base leaves at worst"), ("after", "the extended model")):
+        some = [getattr(p, stage) for g in verdict_parts.shown(v) for p in g if p.recording.places is None]
+        some = [s for s in some if s is not None]
+        if some:
+            worst = max(some, key=verdict_parts.beyond)
+            share = number(100 * verdict_parts.beyond(worst))
+            lines.append(f"{words} {share} % of the pixels of {worst.view.file}")
+    return [f"Beyond ±3 sigma {', '.join(lines)}; noise alone 0.3 %."] if lines else []
+
+
+def _counted(v: Verdict) -> list[str]:
+    """How many tests find structure, by what is left."""
+    out = []
+    for stage, model in (("before", "base"), ("after", "extended model")):
+        some = [t for t in v.tests if t.stage == stage]
+        if some:
+            count, found = verdict_parts.structure(some)
+            told = "that is structure, not noise" if found else "noise alone may do as much"
+            out.append(
+                f"Of what the {model} leaves, {count} of {len(some)} tests find what noise shows in 1 % of simulated "
+                f"data or less: {told}."
+            )
+    return out
+
+
+# --- candidates ---------------------------------------------------------------------------------------
+def rivals(v: Verdict) -> list[str]:
+    """Every candidate that was not accepted, best first; those below the level of a hint folded."""
+    taken = {c.effect for c in v.causes}
+    some = sorted((r for r in v.rivals if r.effect not in taken), key=lambda r: -r.score)
+    if not some:
+        return [html.paragraph("No other candidate was tried.", "small")]
+    tried = [r for r in some if scored(r)[1] != "not tried"]
+    likely = [r for r in tried if r.score > 0 or r.effect in v.group]
+    out = [_candidates(likely)] if likely else [html.paragraph("No other candidate makes the data more probable.")]
+    less, idle = [r for r in tried if r not in likely], [r for r in some if r not in tried]
+    out += [html.fold(f"{len(less)} candidates that make the data less probable", [_candidates(less)])] if less else []
+    if idle:
+        rows = [[spoken(r.effect), r.reason.removeprefix("not tried: ")] for r in idle]
+        out.append(html.fold(f"{len(idle)} effects that were not tried", [html.table(["effect", "why not"], rows)]))
+    return out
+
+
+def _candidates(some: list[Rival]) -> str:
+    head = ["candidate", "would need", "ln Bayes factor", "by", "accepted causes keep", "distinctness", "why not"]
+    rows = [
+        [
+            spoken(r.effect), needed(r), *scored(r),
+            "–" if r.left is None else number(r.left), f"{r.distinctness:.2f}", r.reason,
+        ]
+        for r in some
+    ]  # fmt: skip
+    return html.table(head, rows)
+
+
+# --- what was gained ----------------------------------------------------------------------------------
+def before_after(v: Verdict) -> list[str]:
+    """Numbers of the base and of the extended model, and the parameters that moved."""
+    out = []
+    if v.base is not None:
+        models = [m for m in (v.base, v.extended) if m is not None]
+        rows = [
+            [words, *((number if key.endswith("K") else ratio)(getattr(m, key)) for m in models)]
+            for key, words in FITNESS
+        ]
+        rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
+        out.append(html.table(["", "base", "extended"][: 1 + len(models)], rows))
+    for c in v.causes:
+        gain = f"{spoken(c.effect)}: the data left out become more probable by {number(c.held_out_gain)} (ln)"
+        out.append(html.paragraph(f"{gain}; chi2 lower by {number(c.delta_chi2)}.", "small"))
+    if v.shifts:
+        rows = [[n, number(b), number(a), number(s)] for n, b, a, s in v.shifts]
+        out.append(html.table(["calibrated parameter", "base", "extended", "standard error"], rows))
+    return out
+
+
+# --- what it rests on -----------------------------------------------------------------------------------
+def known(v: Verdict) -> list[str]:
+    """What was taken as known beforehand, and what calibration made of it."""
+    out = []
+    if v.assumed:
+        rows = [[n, number(s)] for n, s in v.assumed.items()]
+        table = html.table(["quantity", "standard deviation of what was known"], rows)
+        out.append(html.fold("What was assumed known; without a unit: relative", [table]))
+    else:
+        out.append(html.paragraph("No prior knowledge was stated with this verdict."))
+    away = [p for p in v.nuisance if abs(p.pull) >= TOLD]
+    for some, fold in ((away, False), ([p for p in v.nuisance if p not in away], True)):
+        rows = [[p.name, plus_minus(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in some]
+        table = html.table(["calibrated", "value ± standard error", "pull in sigma of what was known"], rows)
+        title = f"{len(some)} calibrated numbers within one sigma of what was known"
+        out += [html.fold(title, [table]) if fold else table] if some else []
+    return out
+
+
+def unseen(v: Verdict) -> list[str]:
+    """The smallest amplitudes that would have been seen."""
+    some = [r for r in v.rivals if math.isfinite(r.detectable)]
+    if not some:
+        return [html.paragraph("They were not computed.")]
+    rows = [
+        [spoken(r.effect), r.parameter or "amplitude", detectable(r), f"{number(100 * r.raw_share)} %"] for r in some
+    ]
+    head = ["effect", "parameter", "detectable at 5 sigma", "share of its signal that is left"]
+    return [
+        html.paragraph("Smaller ones may be there: these data would not show them by 5 sigma."),
+        html.fold(f"{len(rows)} effects", [html.table(head, rows)]),
+    ]
+
+
+def gates(v: Verdict) -> list[str]:
+    """What was checked for adequacy, in plain words."""
+    rows = []
+    for key, (value, limit) in v.gates.items():
+        question, measure, _ = gate(key)
+        rows.append([question, measure, number(value), number(limit), "no" if value > limit else "yes"])
+    return [html.table(["what was checked", "measured by", "found", "limit", "passed"], rows)] if rows else []
+
+
+def certificate(v: Verdict) -> list[str]:
+    """How far the calibration is to be trusted."""
+    if not v.certificate:
+        return [html.paragraph("None was issued.")]
+    rows = [[spoken(k), plain(value)] for k, value in flat(v.certificate)]
+    table = html.table(["calibration", ""], rows)
+    done = v.certificate.get("converged")
+    if done is None:
+        return [table]
+    words = "converged: another step would move nothing that matters" if done else "did not converge"
+    return [html.paragraph(f"The calibration {words}."), html.fold("Its steps", [table])]
+
+
+def parameters(c) -> list[str]:
+    """The parameters of a cause with their intervals."""
+    rows = [
+        [
+            p.name,
+            plus_minus(p.value, p.stderr, p.unit),
+            f"{number(p.ci95[0])} to {number(p.ci95[1])}{after(p.unit)}" if p.ci95[1] > p.ci95[0] else "–",
+            "yes: its interval means little" if p.bound else "no",
+        ]
+        for p in c.parameters
+    ]
+    return [html.table(["parameter", "value ± standard error", "95 % interval", "at its bound"], rows)] if rows else []

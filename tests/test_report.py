@@ -108,7 +108,7 @@ def written(tmp_path_factory):
 def test_every_tag_is_closed_and_nothing_lies_outside_the_file(written):
     _, html, reader = written
     assert html.startswith("<!DOCTYPE html>")
-    assert {"script", "link", "a", "iframe"}.isdisjoint(reader.tags)
+    assert {"script", "link", "iframe"}.isdisjoint(reader.tags)
     assert not re.search(r"https?:|url\(|@import", html)
     assert all(value.startswith("data:image/png;base64,") for _, name, value in reader.attributes if name == "src")
     assert not any(name.startswith("on") for _, name, _ in reader.attributes)
@@ -121,6 +121,18 @@ def test_all_pictures_are_inside(written):
     assert all(p.startswith(b"\x89PNG") and p.rstrip().endswith(b"IEND\xaeB`\x82") for p in pictures)
     assert len(set(pictures)) == len(pictures)
     assert sum(name == "alt" and bool(value) for _, name, value in reader.attributes) == len(pictures)
+
+
+def test_a_list_leads_from_the_first_picture_to_all_the_rest(written):
+    _, html, reader = written
+    assert html.index("What was found") < html.index("<img") < html.index("<nav") < html.index("<table")
+    assert html[: html.index("<nav")].count("<img") == 1
+    listed = [v for _, name, v in reader.attributes if name == "href"]
+    assert listed == [*("#numbers", "#pictures", "#reading"), *(f"#file-{i}" for i in range(1, 5))]
+    assert {v[1:] for v in listed} <= {v for _, name, v in reader.attributes if name == "id"}
+    told = [v for _, name, v in reader.attributes if name == "alt"]
+    assert len(set(told)) == len(told)
+    assert all(len(v) > 40 for v in told)
 
 
 def test_text_is_escaped(written):

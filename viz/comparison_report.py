@@ -1,4 +1,4 @@
-"""One HTML file about a comparison: verdicts in words, a table, the pictures inside, and how to read them."""
+"""One HTML file about a comparison: verdicts in words, an overview, a list of the rest, tables and pictures."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from flashtemp.showing import whole_file
 from flashtemp.solver.run import Run
 from flashtemp.viz import html
 
+TOLD = 6  # files whose size of differences the words of a picture tell
 CLOSE = 1.5  # chi2/dof up to which a difference is about as large as the noise
 UP = {"sidewall": "z", "wake": "y", "profile": "", "points": ""}
 BODY = {"sidewall": "the block", "wake": "the road", "profile": "the block", "points": "the place"}
@@ -47,19 +48,26 @@ def write(comparison: Comparison, path) -> Path:
 
 def text(comparison: Comparison) -> str:
     """The whole text of the HTML file."""
+    from flashtemp.viz.comparison import summary
+
     title = f"Measured against computed: {comparison.campaign.title}"
+    sizes = [f"{s.view.file} {s.rmse_K:.2g} K" for s in comparison.seeings[:TOLD]]
+    sizes += [f"{p.force.file} {p.rmse:.2g}" for p in comparison.pullings[:TOLD]]
+    overview = f"Root mean square, mean and chi2/dof of all differences: {'; '.join(sizes)}"
+    more = [
+        ("numbers", "Numbers", _tables(comparison)),
+        ("pictures", "Pictures", _pictures(comparison)),
+        ("reading", "How to read this", [html.terms(READING)]),
+    ]
     body = [
         f"<h1>{escape(title)}</h1>",
         f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_counted(comparison)}.</p>',
-        "<h2>What was found</h2>",
+        html.heading("What was found", "found"),
         *(_finding(s.view.file, *verdict(s), words(s), _cautions(s)) for s in comparison.seeings),
         *(_finding(p.force.file, *grip(p), _mu(p), []) for p in comparison.pullings),
-        "<h2>Numbers</h2>",
-        *_tables(comparison),
-        "<h2>Pictures</h2>",
-        *_pictures(comparison),
-        "<h2>How to read this</h2>",
-        html.terms(READING),
+        html.figure(summary(comparison), overview, "Size of the differences and how they compare with noise."),
+        html.contents([(mark, head) for mark, head, _ in more] + _files(comparison)),
+        *(line for mark, head, parts in more for line in (html.heading(head, mark), *parts)),
     ]
     return html.whole(title, body)
 
@@ -196,29 +204,34 @@ def _pair(values) -> str:
 
 
 # --- pictures ---------------------------------------------------------------------------------------
+def _files(comparison: Comparison) -> list[tuple[str, str]]:
+    """Mark and name of every file whose pictures are shown."""
+    entries = [s.view for s in comparison.seeings] + [p.force for p in comparison.pullings]
+    return [(f"file-{i}", _file(entry)) for i, entry in enumerate(entries, 1)]
+
+
 def _pictures(comparison: Comparison) -> list[str]:
     """Every picture with its caption, file by file."""
     from flashtemp.viz import comparison as draw
 
-    runs = _runs(comparison)
-    out = [
-        html.figure(draw.summary(comparison), "Overview", "Size of the differences and how they compare with noise.")
-    ]
+    runs, marks = _runs(comparison), iter(_files(comparison))
+    out = []
     for s in comparison.seeings:
-        run = runs.get(id(s.view))
+        run, (mark, name) = runs.get(id(s.view)), next(marks)
         seen = "Measured, computed and their difference in K" + (
             "" if s.view.recording.line else " and in sigma; grey: dead pixels and what is not compared"
         )
+        mean = f"Mean differences of {s.view.file} along its axes and in time: {s.bias_K:+.2g} K on average"
         out += [
-            f"<h3>{escape(_file(s.view))}</h3>",
-            html.figure(draw.images(s, run), f"Frames of {s.view.file}", f"{seen}."),
-            html.figure(
-                draw.along(s, run), f"Mean differences of {s.view.file}", "Where and when the differences lie."
-            ),
+            html.heading(name, mark, level=3),
+            html.figure(draw.images(s, run), f"Frames of {s.view.file}. {verdict(s)[0]}", f"{seen}."),
+            html.figure(draw.along(s, run), mean, "Where and when the differences lie."),
         ]
     for p in comparison.pullings:
         words = "Friction coefficient measured and computed, and the difference."
-        out += [f"<h3>{escape(_file(p.force))}</h3>", html.figure(draw.force(p), f"Friction of {p.force.file}", words)]
+        mark, name = next(marks)
+        out.append(html.heading(name, mark, level=3))
+        out.append(html.figure(draw.force(p), f"Friction of {p.force.file}. {grip(p)[0]}", words))
     return out
 
 

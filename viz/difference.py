@@ -128,7 +128,7 @@ def _ticks(norm) -> np.ndarray:
     """Round numbers from one end of a colour bar to the other, or a little beyond it."""
     if norm.vmin == -norm.vmax:
         return np.linspace(norm.vmin, norm.vmax, 5)
-    ticks = MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]).tick_values(norm.vmin, norm.vmax)
+    ticks = np.asarray(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]).tick_values(norm.vmin, norm.vmax))
     some = SLACK * (ticks[1] - ticks[0])
     return ticks[int(ticks[1] - norm.vmin < some) : len(ticks) - int(norm.vmax - ticks[-2] < some)]
 

@@ -68,9 +68,9 @@ def terms(some: Iterable[tuple[str, str]]) -> str:
     return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in some), "</dl>"])
 
 
-def heading(text: str, mark: str) -> str:
+def heading(text: str, mark: str, level: int = 2) -> str:
     """A heading of a section that the contents list leads to by its `mark`."""
-    return f'<h2 id="{escape(mark)}">{escape(text)}</h2>'
+    return f'<h{level} id="{escape(mark)}">{escape(text)}</h{level}>'
 
 
 def contents(sections: Iterable[tuple[str, str]]) -> str:

@@ -29,7 +29,7 @@ from flashtemp.discovery.search import explore
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
 from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Found, Held, Verdict
-from flashtemp.discovery.visible import gain
+from flashtemp.discovery.visible import Gain, gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
@@ -143,10 +143,18 @@ def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, S
     if found is None:
         return verdict, search
     again = _verdict(found.search)
-    if again.kind != "named":
+    if again.kind != "named" and not (again.kind == "weak" and _foretells(again)):
         return verdict, search
-    again = replace(again, kind="learned", law=found.told)
+    again = replace(again, kind="learned", law=found.told, not_named=())
     return replace(again, says=wording.says(again, found.search.problem.case.known)), found.search
+
+
+def _foretells(verdict: Verdict) -> bool:
+    """Whether a law is seen and makes data left out likelier, load cells among them, though images are no nearer: left
+    out with a condition is that part of the law which only it reaches."""
+    seen = Gain(**verdict.gain) if verdict.gain is not None else None
+    sure = seen is not None and seen.visible and seen.above
+    return sure and all(c.held_out_gain > NAMED for c in verdict.causes)
 
 
 def _honest(kind: str, search: Search, found: bool) -> str:

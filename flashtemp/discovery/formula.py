@@ -111,7 +111,7 @@ def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
             curve = np.log(np.maximum(curve, 1e-9))
         return np.asarray(white @ (values - curve), float)
 
-    best = min((least_squares(left, start, method="trf", x_scale=0.3) for start in form.starts), key=lambda f: f.cost)
+    best = min((least_squares(left, start, method="lm", max_nfev=120) for start in form.starts), key=lambda f: f.cost)
     misfit = 2.0 * float(best.cost)
     numbers = [size * float(best.x[0]), *map(float, best.x[1:])]
     if form.name in NARROWEST:

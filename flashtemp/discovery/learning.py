@@ -21,7 +21,7 @@ from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scores import scores
-from flashtemp.discovery.searched import HOPELESS, NAMED, Search, traced
+from flashtemp.discovery.searched import APART, HOPELESS, NAMED, Search, held, traced
 from flashtemp.discovery.unknown_law import ARGUMENTS, NAME, UNKNOWNS, Argument, Law, Unknown, given, spread
 from flashtemp.discovery.verdict import LearnedLaw
 from flashtemp.discovery.whitening import Data
@@ -30,12 +30,12 @@ from flashtemp.physics.effect import Param
 
 WIDTHS = (0.1, 0.3, 1.0, 3.0)  # of what is usual: how far a law may go, by evidence
 TOGETHER = 6  # laws traced at a time: each holds images of all its nodes
-SHORT = 3  # laws fitted in full
+SHORT = 2  # laws fitted in full
 Array = npt.NDArray[np.float64]
 NEAR = 8.0  # ln Bayes factor within which another law is told beside the best
 VARIES = 0.05  # of an argument, below which nothing depends on it
 RISE = 2.0  # K of temperature that counts as variation
-POINTS, EDGE = 41, 1.959964  # of the curve that is told, and standard deviations of its band
+POINTS, FINE, EDGE = 41, 400, 1.959964  # of a curve as told and as averaged; standard deviations of its band
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,9 @@ class Learned:
         )  # fmt: skip
 
 
+Fitted = tuple[Fit, Law, Problem]  # a law at its best point, in a problem that has it
+
+
 def learn(search: Search, watch: Watch) -> Learned | None:
     """The law that explains what the catalogue does not, or None.  Raises SolverFailure."""
     laws = list(_laws(search))
@@ -92,14 +95,33 @@ def learn(search: Search, watch: Watch) -> Learned | None:
     tried.sort(key=lambda t: -t.ln_bayes)
     price = np.log(len(laws))
     likely = [t for t in tried if t.ln_bayes > NAMED + price][:SHORT]
-    found = [made for t in likely if (made := _fitted(search, t, watch)) is not None]
+    found = _fitted(search, likely, watch)
     fit, law, problem = max(found, key=lambda f: f[0].ln_evidence, default=(search.base, None, search.problem))
     if law is None or fit.ln_evidence - search.base.ln_evidence < NAMED + price:
         return None
+    fit, law, problem = _closer(search, (fit, law, problem), next(t for t in likely if t.law.name == law.name), watch)
     after = _ended(search, problem, fit, watch)
-    if not after.best.usable:
+    if not after.best.converged:
         return None
     return Learned(*_centred(law, _covariance(after.best, len(law.nodes))), _written(after, law), tuple(tried))
+
+
+def _closer(search: Search, found: Fitted, tried: Tried, watch: Watch) -> Fitted:
+    """A law with nodes between its nodes, as long as it leaves something over and evidence asks for them."""
+    fit, law, problem = found
+    while _leaves(replace(search, problem=problem), fit) and len(finer := law.finer) > len(law.nodes):
+        values = tuple(law.weights(np.array(finer)) @ np.array(law.values))
+        wider = replace(law, nodes=finer, values=values)
+        again = _fitted(search, [replace(tried, law=wider, values=values)], watch)
+        if not again or again[0][0].ln_evidence < fit.ln_evidence + APART:
+            break
+        fit, law, problem = again[0]
+    return fit, law, problem
+
+
+def _leaves(search: Search, fit: Fit) -> bool:
+    """Whether a fit leaves something over that has no name."""
+    return any(value > limit for value, limit in assessment.gates(search, fit).values())
 
 
 def _covariance(fit: Fit, count: int) -> Array:
@@ -115,7 +137,8 @@ def _centred(law: Law, covariance: Array) -> tuple[Law, Array]:
     """A law without what says nothing: of a pressure only the shape counts, its mean is the case's."""
     if law.unknown.name != "pressure":
         return law, covariance
-    at = np.linspace(law.nodes[0], law.nodes[-1], POINTS)
+    step = (law.nodes[-1] - law.nodes[0]) / FINE
+    at: Array = law.nodes[0] + step * (np.arange(FINE, dtype=float) + 0.5)
     weights = law.weights(at)
     factor = np.exp(weights @ np.array(law.values))
     mean = factor @ weights / factor.sum()  # of the ln, by every node
@@ -220,25 +243,38 @@ def _at(
 
 
 # --- in full ----------------------------------------------------------------------------------------------------
-def _fitted(search: Search, tried: Tried, watch: Watch) -> tuple[Fit, Law, Problem] | None:
-    """A law at its best point, in a problem that has it; None where it has none."""
-    watch(f"fitting: {tried.law.words}")
+def _fitted(search: Search, likely: list[Tried], watch: Watch) -> list[Fitted]:
+    """Laws at their best points, side by side, so that what falls far behind goes no further."""
+    watch(f"fitting: {'; '.join(t.law.words for t in likely)}")
+    descents = [_begun(search, t) for t in likely]
+    out = []
+    for t, end in zip(likely, descend(search.problem, descents, watch, HOPELESS), strict=True):
+        if end.fit is not None and end.fit.usable and not end.failed:
+            names = [f"at_{k + 1}" for k in range(len(t.law.nodes))]
+            out.append((end.fit, replace(t.law, values=tuple(_value(end.fit, k) for k in names)), end.problem))
+    return out
+
+
+def _begun(search: Search, tried: Tried) -> Descent:
+    """The way of a law to its best point, from where its traces put it."""
     law = replace(tried.law, values=(tried.width * tried.law.unknown.size,) * len(tried.law.nodes))
     problem, data, made = _with(search.problem, search.data, {NAME: law})
-    if (c := made.get(NAME)) is None:
-        return None
+    c = made[NAME]
     start = {k: _inside(c.params[k], v) for k, v in zip(c.strengths, tried.values, strict=True)}
-    model = search.base.model.with_effect(NAME, c.off() | start)
-    [end] = descend(problem, [Descent(problem, data, model, (c,), rough=False)], watch, HOPELESS)
-    if end.fit is None or not end.fit.usable:
-        return None
-    return end.fit, replace(law, values=tuple(_value(end.fit, k) for k in c.strengths)), problem
+    return Descent(problem, data, search.base.model.with_effect(NAME, c.off() | start), (c,), rough=False)
 
 
 def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:
-    """The search that ends with a law, with traces of all candidates before and after it.  Raises SolverFailure."""
+    """The search that ends with a law at its certificate, with traces of all candidates before and after it."""
     data = replace(search.data, problem=problem)
-    base, best = (traced(problem, data, f, watch) for f in (search.base, fit))
+    base = traced(problem, data, search.base, watch)
+    others = tuple(c for c in problem.tried if c.effect != NAME)
+    own = tuple(held(problem, fit.model))
+    watch("traces of the candidate effects")
+    [end] = descend(
+        problem, [Descent(problem, data, fit.model, own, Derivatives(candidates=others), rough=False)], watch
+    )
+    best = end.fit or fit
     ranking = tuple(scores(problem, f, problem.tried) for f in (base, best))
     fits = search.fits | {frozenset(): base, frozenset({NAME}): best}
     after = replace(search, problem=problem, data=data, base=base, best=best, fits=fits, ranking=ranking)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import numpy.typing as npt
 from flashtemp.physics.own_effects import OwnEffect
 
 NAME = "learned"
-NODES = 5  # of a law, at most; at given values of the argument where there are no more
+NODES, MOST = 5, 17  # of a law at first, and after closer looks
+GIVEN = ("speed", "repetition")  # arguments of a few values
 LARGEST = 3.0  # of the ln of a factor, either way
 Array = npt.NDArray[np.float64]
 
@@ -99,6 +101,14 @@ class Law:
     def name(self) -> str:
         """Of its trial, one of many."""
         return f"{NAME}_{self.unknown.name}_{self.argument.name}"
+
+    @property
+    def finer(self) -> tuple[float, ...]:
+        """Nodes with others half way between; the same where they are values that a campaign has, or enough."""
+        if self.argument.name in GIVEN or len(self.nodes) >= MOST:
+            return self.nodes
+        between = [0.5 * (a + b) for a, b in pairwise(self.nodes)]
+        return _rounded(np.sort([*self.nodes, *between]))
 
     def own(self, name: str = NAME) -> OwnEffect:
         """The effect file that holds it."""

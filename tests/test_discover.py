@@ -26,7 +26,7 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import calibration, discover, prediction, whitening
+from flashtemp.discovery import calibration, discover, prediction, whitening, wording
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.parameters import SHIFTS, ParameterId
 from flashtemp.discovery.problem import prepare
@@ -37,6 +37,7 @@ from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue, find
 from flashtemp.runs.workers import crew
 from flashtemp.showing import finite
+from flashtemp.viz.verdict_parts import structure
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {
@@ -426,6 +427,16 @@ def test_verdict_holds_the_contract(found):
         assert isinstance(n["value"], float)
         assert n["stderr"] > 0
     assert now["certificate"]["converged"] is True
+    assert set(now["gates"]) == set(wording.GATES)
+
+
+def test_tests_for_structure_are_of_what_the_maps_show(found):
+    """The base misses the tilt in the side wall beyond noise; with the cause in the model noise is left."""
+    now = found(BY_COMMAND)
+    p = {stage: [t for t in now.diagnostics if t["stage"] == stage] for stage in ("before", "after")}
+    assert min(t["p"] for t in p["before"] if "sidewall" in t["where"] and "neighbours" in t["name"]) <= 0.01
+    assert structure([SimpleNamespace(**t) for t in p["before"]])[1]
+    assert not structure([SimpleNamespace(**t) for t in p["after"]])[1]
 
 
 @pytest.mark.parametrize("name", each([*NONE, *OUTSIDE]))

@@ -114,7 +114,7 @@ def _verdict(search: Search) -> Verdict:
         extended=extended.fitness if causes else None,
         rivals=assessment.rivals(search, accepted),
         nuisance=assessment.pulls(search, final),
-        tests=_tests(search.base, final if causes else None),
+        tests=_tests(base.known, extended.known if causes else None),
         missing=missing_heat.missing(problem, search.base),
         separability=(tuple(separable.names[i] for i in order), separable.rho[np.ix_(order, order)]),
         shifts=_moved(search, base.known, final) if causes else (),
@@ -207,7 +207,7 @@ def _kind(
 
 
 def _tests(base: Fit, extended: Fit | None) -> tuple[Any, ...]:
-    """Structure in what is left before and after."""
+    """Structure in what is left before and after, by the models that the recordings are shown against."""
     after = adequacy.structure(extended, 2, "after") if extended is not None else []
     return (*adequacy.structure(base, 1, "before"), *after)
 

@@ -565,6 +565,7 @@ def test_a_broken_engine_does_not(tiny, monkeypatch, name):
         check_calibration(base, tiny[1])
 
 
+@pytest.mark.long
 def test_no_certificate_no_verdict(tiny, monkeypatch, tmp_path):
     """A calibration that may look once only does not converge: no cause is given, and it says why."""
     monkeypatch.setattr(calibration, "TRIES", 1)

@@ -117,7 +117,8 @@ def test_predictions_at_the_best_point_leave_noise(two):
         assert np.mean(left**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / block.count)), block.label
 
 
-@pytest.mark.parametrize("sign", [pytest.param(1.0, marks=pytest.mark.long), -1.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.long
 def test_a_far_start_ends_at_the_same_place(two, sign):
     best = two.base
     start = Model({k: sign * v for k, v in AWAY.items()})

@@ -170,6 +170,7 @@ def test_what_is_measured_already_can_be_planned_on(tmp_path):
     assert third["pressure_tilt"].z < 0.7 * first["pressure_tilt"].z  # not a tenth: nuisances limit it
 
 
+@pytest.mark.long
 def test_the_command_writes_numbers_and_a_picture(written, tmp_path, capsys):
     folder, out = written(planned("{}", views=("profile",))), tmp_path / "out"
     assert main(["plan", str(folder), "--out", str(out), "--workers", "1"]) == 0

@@ -158,6 +158,7 @@ def test_load_is_carried_by_the_spots_that_are_there(lab):
     assert np.ptp(run.maps["cover"].mean(axis=(1, 2))) > 0.005  # though the cover changes
 
 
+@pytest.mark.long
 def test_spots_draw_tracks_that_stay(lab):
     """Rubber is warm where spots passed, and cold between; spots are hotter than their tracks."""
     scene = resolved(lab, even(40, 0.02, planes=30, cells=14), time=0.2, pattern="regular", repeat=0.02)

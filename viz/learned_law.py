@@ -10,7 +10,7 @@ from flashtemp.viz.numbers import number
 
 CAPTION = (
     "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
-    "learned.py, between which it is a line; the thin line is what the case says."
+    "learned.py, between which it is a line, a pressure brought to a mean of 1; the thin line is what the case says."
 )
 
 

@@ -33,12 +33,8 @@ from flashtemp.discovery.visible import Gain, gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
-SHARES = {
-    "traces": 0.3,
-    "fitting": 0.5,
-    "judging": 0.95,
-    "looking": 0.7,
-}  # of the work that is done when a stage begins, as a rule
+# of the work that is done when a stage begins, as a rule
+SHARES = {"traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
 
 
 def discover(

@@ -95,6 +95,8 @@ def learn(search: Search, watch: Watch) -> Learned | None:
     tried.sort(key=lambda t: -t.ln_bayes)
     price = np.log(len(laws))
     likely = [t for t in tried if t.ln_bayes > NAMED + price][:SHORT]
+    if not likely:
+        return None
     found = _fitted(search, likely, watch)
     fit, law, problem = max(found, key=lambda f: f[0].ln_evidence, default=(search.base, None, search.problem))
     if law is None or fit.ln_evidence - search.base.ln_evidence < NAMED + price:
@@ -103,6 +105,7 @@ def learn(search: Search, watch: Watch) -> Learned | None:
     after = _ended(search, problem, fit, watch)
     if not after.best.converged:
         return None
+    law = _at_its_end(law, after.best)
     return Learned(*_centred(law, _covariance(after.best, len(law.nodes))), _written(after, law), tuple(tried))
 
 
@@ -250,8 +253,7 @@ def _fitted(search: Search, likely: list[Tried], watch: Watch) -> list[Fitted]:
     out = []
     for t, end in zip(likely, descend(search.problem, descents, watch, HOPELESS), strict=True):
         if end.fit is not None and end.fit.usable and not end.failed:
-            names = [f"at_{k + 1}" for k in range(len(t.law.nodes))]
-            out.append((end.fit, replace(t.law, values=tuple(_value(end.fit, k) for k in names)), end.problem))
+            out.append((end.fit, _at_its_end(t.law, end.fit), end.problem))
     return out
 
 
@@ -283,6 +285,11 @@ def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:
 
 def _inside(param: Param, value: float) -> float:
     return float(np.clip(value, param.low, param.high))
+
+
+def _at_its_end(law: Law, fit: Fit) -> Law:
+    """A law with the values that a fit gives its nodes."""
+    return replace(law, values=tuple(_value(fit, f"at_{k + 1}") for k in range(len(law.nodes))))
 
 
 def _value(fit: Fit, k: str) -> float:

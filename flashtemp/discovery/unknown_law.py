@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -113,7 +112,7 @@ class Law:
     def own(self, name: str = NAME) -> OwnEffect:
         """The effect file that holds it."""
         path = f"{name}.py"
-        return OwnEffect(name, path, str(Path(path)), text(self))
+        return OwnEffect(name, path, path, text(self))
 
     def weights(self, at: Array) -> Array:
         """What every node counts (len(at), n) at some values of the argument; the curve is level outside."""

@@ -133,10 +133,14 @@ def _depth(case: Case) -> dict[str, float]:
 
 
 def _at(times: Array, known: Array, values: Array) -> Array:
-    """Rows of `values` at `known` times, between them on lines."""
+    """Rows of `values` at `known` times, between them on lines over the number of the record.
+
+    Records lie denser after each start, where heat goes as sqrt(t): lines over time would miss that.
+    """
+    wanted, given = np.arange(len(times)), np.searchsorted(times, known)
     if values.ndim == 1:
-        return np.interp(times, known, values)
-    return np.array([np.interp(times, known, column) for column in values.T]).T
+        return np.interp(wanted, given, values)
+    return np.array([np.interp(wanted, given, column) for column in values.T]).T
 
 
 def _of_traces(part: Linear) -> dict[str, Number]:

@@ -1,8 +1,8 @@
 """What a small change of each parameter does to everything that a run records.
 
 The difference s = (y_moved - y)/step of a neighbouring run obeys ds/dt = [f_moved(t, y + step s) - f(t, y)]/step.
-It is integrated behind the run by variable-step BDF2 with one Newton correction a step; all neighbours
-share the run's linearisation and preconditioner, so that one costs a fraction of a run.
+It is integrated behind the run by BDF2 in sqrt(t) with one Newton correction a step; all neighbours share
+the run's linearisation and preconditioner, so that one costs a fraction of a run.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
+from flashtemp.solver.conjugate_residuals import solve
 from flashtemp.solver.march import Path, march
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
 from flashtemp.solver.stretching import phase_of, stretched
-from flashtemp.solver.system import Linearised, Moved, System
+from flashtemp.solver.system import System
 from flashtemp.solver.turning import pass_on, renew
 
-FIRST, MOST = 4e-3, 0.1  # first and longest step, in lengths of a stretch
-CLOSE = 0.1  # change by the correction over the change in the stretch, from which the next step follows
+FIRST, MOST = 0.03, 0.1  # first and longest step, in roots of the share of a stretch
+CLOSE = 0.2  # change by the correction over the change in the stretch, from which the next step follows
 GROWTH = 2.0  # BDF2 is stable up to 2.4
 TINY = 1e-7  # K: a change that need not be followed
 KEPT = ("place", "time", "mean", "lane", "own")  # what a track remembers
@@ -73,7 +74,7 @@ def explore(
 ) -> Neighbourhood[Name]:
     """March a scene with neighbours beside it.
 
-    Neighbours are recorded at the times `at` (s) that `settings` asks for too, with `dense` at every fourth of
+    Neighbours are recorded at the times `at` (s) that `settings` asks for too, with `dense` at every fifth of
     the others besides.  Moves share mesh and schedule with the scene.  Raises SolverFailure, ValueError.
     """
     beside = Neighbours(scene, moves, frozenset(at), dense)
@@ -220,7 +221,7 @@ class Neighbours:
         """When neighbours are recorded in a stretch, and whether with all cells."""
         own = [t for t in records["time"] if phase.begin < t <= phase.end or t == phase.begin == 0.0]
         other = [t for t in own if t not in self.asked]
-        kept = set(other[3::4]) if self.dense else set()
+        kept = set(other[4::5]) if self.dense else set()
         kept |= {own[-1]} | ({0.0} & set(own))
         return [(t, t in self.asked or t == 0.0) for t in own if t in self.asked or t in kept]
 
@@ -228,55 +229,58 @@ class Neighbours:
 def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times) -> np.ndarray:
     """Differences (k, cells, worn depth, ledger) of live neighbours at the end of a stretch; S those at its start.
 
-    The ledger follows the rest and has no say in the length of steps.
+    Steps are taken in u, with t = begin + span u^2: heat that begins to flow goes as sqrt(t), and BDF2 is exact for
+    parabolas of u.  The ledger follows the rest and has no say in the length of steps.
     """
     m = level.system.b.worn.stop
     begin, size = S, 0.05 * np.abs(S[:, :m]).max(axis=1, initial=0.0)
     size = np.maximum(size, [TINY / abs(one.of.step) for one in live])
     old, before = S, 0.0
-    t, span = phase.begin, phase.end - phase.begin
-    h, times = FIRST * span, list(times)
-    if times and times[0][0] <= t:
+    span = phase.end - phase.begin
+    u, h, times = 0.0, FIRST, list(times)
+    if times and times[0][0] <= phase.begin:
         _record(path, level, live, times.pop(0), S)
-    while t < phase.end:
-        if phase.end - t < 1.5 * h:
-            h = phase.end - t
-        new = phase.end if h == phase.end - t else t + h
-        after, change = _step(path(new), new, h, before, (old, S), level, live)
-        while times and times[0][0] <= new * (1 + 1e-12):
+    while u < 1.0:
+        new = 1.0 if 1.0 - u < 1.5 * h else u + h
+        h = new - u
+        t = phase.end if new == 1.0 else phase.begin + span * new**2
+        after, change = _step(path(t), t, 2.0 * new * span, (h, before), (old, S), level, live)
+        while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
-            _record(path, level, live, at, _between(at[0], (t - before, t, new), (old, S, after)))
-        old, S, before = S, after, h
+            reached = float(np.sqrt((at[0] - phase.begin) / span))
+            _record(path, level, live, at, _between(reached, (u - before, u, new), (old, S, after)))
+        old, S, before, u = S, after, h, new
         if phase.sliding:
-            y = path(new)
-            level.leave(new, y, level.of.s)
+            y = path(t)
+            level.leave(t, y, level.of.s)
             for one, s in zip(live, S, strict=True):
-                one.leave(new, y, s)
+                one.leave(t, y, s)
         size = np.maximum(size, np.abs(S - begin)[:, :m].max(axis=1, initial=0.0))
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        t = new
-        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST * span)
+        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST)
     return S
 
 
-def _step(y, new: float, h: float, before: float, last, level: _During, live: list[_During]):
-    """Differences after a step h (s) of BDF2 to the time `new`, where the run is at y, and Newton's correction.
+def _step(y, t: float, pace: float, steps: tuple[float, float], last, level: _During, live: list[_During]):
+    """Differences after a step of BDF2 to the time t (s), where the run is at y, and Newton's correction.
 
-    `last` differences before and after the step `before`; that is 0 for the first step, which is Euler's.
+    `steps` in u, this one and that before, of which the latter is 0 for the first: that is Euler's; `pace` dt/du.
+    `last` differences before and after the step before.
     """
-    old, S = last
+    (h, before), (old, S) = steps, last
     w = h / before if before else 0.0
-    gamma = h * (1 + w) / (1 + 2 * w)
+    gamma = pace * h * (1 + w) / (1 + 2 * w)
     guess = S + w * (S - old) if before else S
     known = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
-    start = level.rate(new, y, level.of.s)
+    start = level.rate(t, y, level.of.s)
     R = np.empty_like(S)
     for k, one in enumerate(live):
         n = one.of.m
         R[k] = known[k] - guess[k]
-        R[k, :n] = known[k, :n] + gamma * (one.rate(new, y, guess[k]) - start[:n]) / one.of.step - guess[k, :n]
-    change = solve(level.system.linearised(new, level.of.state(y, level.of.s), gamma), level.system.b.size, R)
+        R[k, :n] = known[k, :n] + gamma * (one.rate(t, y, guess[k]) - start[:n]) / one.of.step - guess[k, :n]
+    b = level.system.b
+    change = solve(level.system.linearised(t, level.of.state(y, level.of.s), gamma), b.size, b.worn.stop, R)
     return guess + change, change
 
 
@@ -300,13 +304,13 @@ class _Path:
         return (1.0 - w) * self.y[k - 1] + w * self.y[k]
 
 
-def _between(t: float, at, S) -> np.ndarray:
+def _between(u: float, at, S) -> np.ndarray:
     """The parabola through three steps, or the line through two."""
     (a, b, c), (A, B, C) = at, S
     if a == b:
-        return B + (t - b) / (c - b) * (C - B)
+        return B + (u - b) / (c - b) * (C - B)
     first, second = (B - A) / (b - a), (C - B) / (c - b)
-    return B + (t - b) * (second + (t - c) * (second - first) / (c - a))
+    return B + (u - b) * (second + (u - c) * (second - first) / (c - a))
 
 
 def _copy(source: Progress, target: Progress, phase) -> None:
@@ -320,17 +324,3 @@ def _copy(source: Progress, target: Progress, phase) -> None:
                 target.frames.append(source.frames.row(frames.index(i)))
             for name in source.records.keys() - {"ledger", "frames"}:
                 target.records.setdefault(name, []).append(source.records[name][i])
-
-
-def solve(at: Linearised | Moved, size: int, R: np.ndarray) -> np.ndarray:
-    """(1 - gamma J)^-1 R for many right-hand sides (k, state), by one sweep of the preconditioner each.
-
-    The next step's prediction starts from the result, so that a second sweep changes traces by 0.02 % only.
-    """
-    X = np.empty_like(R)
-    r, z = np.zeros(size), np.zeros(size)
-    for k in range(len(R)):
-        r[: R.shape[1]] = R[k]
-        at.solve(r, z)
-        X[k] = z[: R.shape[1]]
-    return X

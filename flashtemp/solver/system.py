@@ -284,6 +284,11 @@ class Moved:
     frame: RoadFrame
     k: int
 
+    @property
+    def gamma(self) -> float:
+        """Of P = I - gamma J."""
+        return self.at.gamma
+
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v; road that has gone changes no more, and what has not come yet is given."""
         b, moved = self.at.b, np.empty_like(out)

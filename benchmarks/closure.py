@@ -112,7 +112,8 @@ def main() -> None:
         for fine in (6, 9, 12, 18):
             compare(*POINTS[0], PATTERNS[:1], fine)
         return
-    factors = np.array([compare(*POINTS[k], PATTERNS, FINE) for k in options.only])
+    chosen = [POINTS[k] for k in options.only]
+    factors = np.array([compare(v, D, phi, PATTERNS, FINE) for v, D, phi in chosen])
     factors = factors[:, [kind != "regular" for kind, _ in PATTERNS]]
     means, scatter = np.nanmean(factors, axis=(0, 1)), np.nanmean(factors, axis=1).std(axis=0)
     print(f"flash factor by area {means[0]:.2f}, by load {means[1]:.2f}; points scatter by {scatter[0]:.2f}, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import xarray as xr
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, Interrupted
 from flashtemp.model.case import assemble, load
 from flashtemp.model.case_file import Places
 from flashtemp.model.priors import Input, inputs, with_materials
@@ -309,3 +310,27 @@ def test_from_python_it_shows_itself():
     shared = found.numbers["T_spot_L"]
     assert shared.first.sum() == pytest.approx(1.0)
     np.testing.assert_array_equal(shared.first, shared.total)
+
+
+def test_an_interrupted_sample_goes_on(tmp_path):
+    """Ctrl-C after three of twelve runs: they are kept, the same call marches the others, and the answer is the same."""
+    out, seen = tmp_path / "out", []
+
+    def stop(done, total):
+        seen.append(done)
+        if done == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    asked = {"keys": ("friction.mu", "contact.pressure"), "samples": 12, "workers": 1}
+    with pytest.raises(Interrupted, match="go on with: the same command"):
+        flashtemp.sensitivity(case(), **asked, out=out, watch=stop)
+    with pytest.raises(BadInput, match="interrupted sensitivity"):
+        flashtemp.sensitivity(case(), **asked | {"samples": 13}, out=out)
+    assert not out.exists()
+    seen.clear()
+    found = flashtemp.sensitivity(case(), **asked, out=out, watch=lambda done, total: seen.append(done))
+    assert seen == list(range(3, 13))
+    whole = flashtemp.sensitivity(case(), **asked)
+    assert found.numbers["T_spot_L"].low == whole.numbers["T_spot_L"].low
+    assert not {"points", "plan.json"} & {p.name for p in out.iterdir()}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out"]

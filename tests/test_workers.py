@@ -64,6 +64,13 @@ def test_answers_keep_their_order(count):
         assert run([4]) == [24]  # the same hands again
 
 
+def test_no_process_hears_ctrl_c():
+    """A terminal sends it to all of them; each begins deaf, also those that begin after the first."""
+    late = "__import__('time').sleep(1.0) or __import__('signal').raise_signal(2)"  # when all have begun
+    with crew(eval, 3) as run:
+        assert run([late] * 4) == [None] * 4
+
+
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.sample("1")
 def test_failures_come_back_in_their_place(count):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,6 @@ from flashtemp.model.case import Case
 from flashtemp.runs import convergence, prediction_band, running_in, wait_time
 from flashtemp.runs import sweep as sweeps
 from flashtemp.runs.convergence import Convergence
-from flashtemp.runs.folders import wanted
 from flashtemp.runs.running_in import Settling
 from flashtemp.runs.sensitivity_result import Sensitivity
 from flashtemp.runs.sweep import Sweep, Swept
@@ -100,11 +100,13 @@ def sensitivity(
 
     `keys`: inputs of which a standard deviation is stated or usual, all of them when not given.  `samples`: runs of a
     Latin hypercube, without it only where the linear part does not hold; `linear`: traces alone, untried.
-    `out`: folder for the case, numbers, run.nc and profile.png with bands.  Raises BadInput, SolverFailure.
+    `out`: folder for the case, numbers, run.nc and profile.png with bands; runs of a sample are kept, so that the same
+    call goes on with an interrupted one.  Raises BadInput, SolverFailure.
     """
     loaded = case_of(case, overrides)
-    with wanted(out) as work:
-        found = prediction_band.study(loaded, keys, samples, linear, workers, scheduler, watch, say)
+    place = prediction_band.folder(Path(out), loaded, keys, samples, linear) if out is not None else nullcontext()
+    with place as work:
+        found = prediction_band.study(loaded, keys, samples, linear, workers, scheduler, watch, say, work)
         if work is not None:
             from flashtemp.viz import profile
             from flashtemp.viz import sensitivity as picture

@@ -170,7 +170,7 @@ def sensitivity(
 
     changes, chosen = [k for k in keys if "=" in k], [k for k in keys if "=" not in k]
     loaded = inputs.load(case, changes, trust=trust)
-    folder = result_folder(out, f"{loaded.name}-sensitivity")
+    folder = result_folder(out, f"{loaded.name}-sensitivity", go_on=True)
     with counter(loaded.name) as watch:
         found = studies.sensitivity(
             loaded, chosen or None, samples=samples, linear=linear, out=folder, workers=workers, scheduler=scheduler,

@@ -46,11 +46,11 @@ def finished(call: Callable[[], Any]) -> tuple[Any, int]:
         return fault.result, FAILED
 
 
-def result_folder(out: Path | None, name: str) -> Path:
-    """The folder asked for, or a free one of that name in results/."""
+def result_folder(out: Path | None, name: str, go_on: bool = False) -> Path:
+    """The folder asked for, or a free one of that name in results/; one that was begun only to `go_on`."""
     from flashtemp.runs.folders import free_name
 
-    return out or free_name(Path("results") / name)
+    return out or free_name(Path("results") / name, go_on)
 
 
 @contextmanager

@@ -35,9 +35,9 @@ class Owner:
     process: str = ""
 
 
-def free_name(out: Path) -> Path:
-    """The folder itself, or the first of name-2, name-3... that does not exist yet."""
-    return _unused(out, lambda path: os.path.lexists(path) or bool(partials(path)))
+def free_name(out: Path, go_on: bool = False) -> Path:
+    """The folder itself, or the first of name-2, name-3... that does not exist yet; begun ones only to `go_on`."""
+    return _unused(out, lambda path: os.path.lexists(path) or (not go_on and bool(partials(path))))
 
 
 def _unused(path: Path, used: Callable[[Path], bool] = os.path.lexists) -> Path:

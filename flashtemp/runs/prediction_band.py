@@ -6,9 +6,11 @@ the linear part puts it, a Latin hypercube of runs and an expansion in polynomia
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,21 +21,23 @@ from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.priors import Input, inputs, with_materials
 from flashtemp.runs import shares
+from flashtemp.runs.kept_points import computed, resumable
 from flashtemp.runs.sensitivity_result import NUMBERS, Band, Number, Sensitivity
 from flashtemp.runs.sign_of_friction import signs
-from flashtemp.runs.sweep import computed
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Move, Neighbourhood, explore
 
 Array = npt.NDArray[np.float64]
 Watch = Callable[[int, int], Any]
+Where = tuple[Path | None, int | None, str | None]  # folder of kept runs, processes, scheduler
 PROFILES = ("T_block", "T_spot", "T_road")
 STEP = 0.02  # sd: of the traces
 OUT, LINEAR = 2.0, 0.1  # sd at which the linear part is tried; miss over the band's half width that it may have
 ALIKE = 0.95  # cosine between what moves T_spot most and what moves mu most, above which one trial does for both
 DRAWS, MODES, CHUNK = 4000, 1e-5, 400  # of the expansion; share of the variance that modes may leave; columns at a time
 EDGE = 1.959964  # sd of a 95 % band
+PLAN = "plan.json"  # what an interrupted study was asked
 
 
 def seen(run: Run, places: Array, moments: Array) -> dict[str, Array]:
@@ -68,12 +72,12 @@ class Linear:
 def study(
     case: Case, keys: Sequence[str] | None = None, samples: int | None = None, linear: bool = False,
     workers: int | None = None, scheduler: str | None = None, watch: Watch = lambda done, total: None,
-    say: Callable[[str], Any] = lambda text: None,
+    say: Callable[[str], Any] = lambda text: None, work: Path | None = None,
 ) -> Sensitivity:  # fmt: skip
     """The sensitivity of a case to `keys`, or to all inputs with a prior.
 
     `samples`: a Latin hypercube of so many runs; without it only where the linear part does not hold; never where
-    `linear`.  Raises BadInput, SolverFailure.
+    `linear`.  Runs are kept in the folder `work`, as `folder` makes it.  Raises BadInput, SolverFailure, Interrupted.
     """
     full = with_materials(case)
     known, left = inputs(full, None if keys is None else tuple(keys))
@@ -85,19 +89,25 @@ def study(
     check: dict[str, float] = {}
     lopsided = tuple(i.key for i in known if i.at_bound)
     if not linear and samples is None:
-        check = _check(full, known, part, workers, scheduler)
+        check = _check(full, known, part, (work, workers, scheduler))
     holds = linear or (samples is None and not lopsided and max(check.values(), default=0.0) <= LINEAR)
     if holds:
         numbers, bands, failed = _of_traces(part), _bands_of_traces(part), 0
     else:
         count = samples or min(200, max(60, 10 * len(known)))
         say(f"{count} runs of a Latin hypercube")
-        numbers, bands, failed = _of_sample(full, known, part, count, (workers, scheduler), watch)
+        numbers, bands, failed = _of_sample(full, known, part, count, (work, workers, scheduler), watch)
     k = part.run.last
     return Sensitivity(
         case, part.run, known, left, "linear" if holds else "sample", numbers, bands, check, lopsided,
         signs(full, known, float(np.nanmax(part.run.T_spot[k]))), part.seconds, failed,
     )  # fmt: skip
+
+
+def folder(out: Path, case: Case, keys: Sequence[str] | None, samples: int | None, linear: bool):
+    """The folder for a study to work in, as in `resumable`; runs of a sample do not stay in the result."""
+    told = {"case": case.toml(), "keys": keys and sorted(keys), "samples": samples, "linear": linear}
+    return resumable(out, "sensitivity", PLAN, json.dumps(told, indent=2) + "\n", drop=True)
 
 
 # --- the linear part ------------------------------------------------------------------------------------------
@@ -161,14 +171,14 @@ def _bands_of_traces(part: Linear) -> dict[str, Band]:
     return out
 
 
-def _check(case: Case, known: Sequence[Input], part: Linear, workers, scheduler) -> dict[str, float]:
+def _check(case: Case, known: Sequence[Input], part: Linear, where: Where) -> dict[str, float]:
     """{number: how far off the linear part is, over the half width of its band} where most inputs are 2 sd out."""
     slopes, names = part.slopes["numbers"], list(NUMBERS)
     ways = [_way(slopes[:, names.index(n)]) for n in ("T_spot_L", "mu")]
     if not ways[1].any() or abs(ways[0] @ ways[1]) > ALIKE:
         ways = ways[:1]
     z = np.array([sign * OUT * way for way in ways for sign in (-1.0, 1.0)])
-    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], None, workers, scheduler)
+    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], *where, last=False)
     if failed:
         raise SolverFailure(f"two standard deviations out: {next(iter(failed.values()))}")
     start = np.array([float(n.of(part.run)) for n in NUMBERS.values()])
@@ -193,10 +203,10 @@ def _at_z(case: Case, known: Sequence[Input], z: Array) -> Case:
 
 
 # --- where it does not hold -----------------------------------------------------------------------------------
-def _of_sample(case: Case, known: Sequence[Input], part: Linear, count: int, where, watch: Watch):
+def _of_sample(case: Case, known: Sequence[Input], part: Linear, count: int, where: Where, watch: Watch):
     """Numbers and bands from a Latin hypercube of runs."""
     z = shares.hypercube(count, len(known))
-    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], None, where[0], where[1], watch)
+    found, failed = computed(_sampled, [_at_z(case, known, row) for row in z], *where, watch)
     kept = [k for k, one in enumerate(found) if one is not None and one["T_spot"].shape == part.run.T_spot.shape]
     if len(kept) < 0.9 * count:
         why = next(iter(failed.values()), "runs of other records")

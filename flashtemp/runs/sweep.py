@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
-import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput, FlashtempError, Halted, Incomplete, Interrupted
+from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
-from flashtemp.runs.folders import Owner, check_place, claim, place, stoppable
-from flashtemp.runs.workers import stream
-from flashtemp.showing import Sheet, Shown, whole_file
+from flashtemp.runs.kept_points import computed, resumable
+from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
 
 PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are kept
@@ -39,7 +36,7 @@ NUMBERS = {
     "cells": ("1", "cells"),
     "wall_s": ("s", "time of the march"),
 }
-POINTS, PLAN = "points", "sweep.json"
+PLAN = "sweep.json"
 
 
 @dataclass(frozen=True)
@@ -204,89 +201,15 @@ def carry_out(
 
     Every point is kept in its own file as soon as it is there; Ctrl-C is seen then.  Raises OSError, SolverFailure.
     """
-    found, failed = computed(point, sweep.points, work, workers, scheduler, watch)
+    needs = frozenset({*PROFILES, *NUMBERS, "friction"})
+    found, failed = computed(point, sweep.points, work, workers, scheduler, watch, needs)
     return Swept(sweep, _gather(sweep, found), failed)
 
 
-def computed(
-    function: Callable[[cases.Case], dict[str, np.ndarray]], points: Sequence[cases.Case], work: Path | None = None,
-    workers: int | None = None, scheduler: str | None = None,
-    watch: Callable[[int, int], Any] = lambda done, total: None,
-) -> tuple[list[dict[str, np.ndarray] | None], dict[int, str]]:  # fmt: skip
-    """Arrays that a `function` gives of every case, None where it fails, and {number: why}; as in `carry_out`."""
-    files = [] if work is None else [work / POINTS / f"{_name(p)}.npz" for p in points]
-    kept = {i: _held(file) for i, file in enumerate(files)}
-    found: dict[int, Any] = {i: point for i, point in kept.items() if point is not None}
-    todo, count = [i for i in range(len(points)) if i not in found], len(points)
-    failed: dict[int, str] = {}
-    watch(count - len(todo), count)
-    with stoppable() as stopped:
-        for n, (k, answer) in enumerate(stream(function, [points[i] for i in todo], workers, scheduler), 1):
-            if isinstance(answer, FlashtempError):
-                failed[todo[k]] = str(answer)
-            else:
-                found[todo[k]] = answer
-                if work is not None:
-                    _keep(files[todo[k]], answer)
-            watch(count - len(todo) + n, count)
-            if stopped.is_set() and n < len(todo):
-                raise KeyboardInterrupt if work is None else Interrupted(work, "the same command")
-    return [found.get(i) for i in range(count)], failed
-
-
-@contextmanager
-def folder(out: Path, sweep: Sweep) -> Iterator[Path]:
-    """The folder to work in, renamed to `out` at the end; what is there of the same sweep is gone on with.
-
-    Raises BadInput where `out` exists, is being written, or an interrupted run of something else waits for it.
-    """
+def folder(out: Path, sweep: Sweep) -> AbstractContextManager[Path]:
+    """The folder to work in, as in `resumable`; points stay in the result."""
     told = json.dumps({"case": sweep.case.toml(), "axes": {k: list(v) for k, v in sweep.axes.items()}}, indent=2) + "\n"
-    mine = Owner(out.name, "sweep", PLAN, "the same command")
-    with claim(out, mine, go_on=lambda path: _told(path) == told) as work:
-        (work / POINTS).mkdir(exist_ok=True)
-        with whole_file(work / PLAN) as fresh:
-            fresh.write_text(told, encoding="utf-8")
-        try:
-            yield work
-        except (Incomplete, Interrupted) as fault:
-            if isinstance(fault, Incomplete) or fault.path != work:  # only the picture
-                place(work, out)
-            raise
-        except OSError as fault:
-            raise Halted(fault, work, "the same command") from fault
-        check_place(out, place(work, out), None)
-
-
-def _told(work: Path) -> str:
-    """The plan that a folder holds; none where it is no sweep's."""
-    return (work / PLAN).read_text(encoding="utf-8", errors="replace") if (work / PLAN).is_file() else ""
-
-
-def _name(case: cases.Case) -> str:
-    """A name that another case, or other contents of its files, does not have."""
-    seen = hashlib.sha256(case.toml().encode())
-    for _, file in sorted(case.files().items()):
-        seen.update((case.folder / file).read_bytes())
-    return seen.hexdigest()[:20]
-
-
-def _keep(file: Path, answer: dict[str, Any]) -> None:
-    """Write a point whole or not at all."""
-    with whole_file(file) as fresh:
-        np.savez_compressed(fresh, **answer)
-
-
-def _held(file: Path) -> dict[str, np.ndarray] | None:
-    """A point that is kept already; None where it is not there, or damaged."""
-    try:
-        with zipfile.ZipFile(file) as whole:
-            if whole.testzip() is not None:
-                return None
-        with np.load(file) as held:
-            found = dict(held)
-    except Exception:  # whatever damage makes of it, it is marched again
-        return None
-    return found if {*PROFILES, *NUMBERS, "friction"} <= {*found} else None
+    return resumable(out, "sweep", PLAN, told)
 
 
 def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):

@@ -103,7 +103,8 @@ def _pool(count: int):
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(held,))
     try:
         with _deaf():
-            pool.submit(int)  # they begin here
+            for _ in range(count):  # each of them begins one process
+                pool.submit(int)
         yield pool
     except BaseException:
         leash.close()
@@ -128,8 +129,11 @@ def _deaf() -> Iterator[None]:
 
 
 def _begin(held) -> None:
-    """In a new process: one thread of arithmetic, and one that waits for the parent's end."""
+    """In a new process: one thread of arithmetic, one that waits for the parent's end, and no ear for Ctrl-C."""
+    import signal
     import threading
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")

@@ -126,8 +126,9 @@ class Sensitivity(Shown):
             said.append("the linear part was not tried")
         if self.lopsided:
             said.append(f"near a bound, so that the prior is lopsided: {', '.join(self.lopsided)}")
-        left = max(n.unexplained for n in self.numbers.values() if n.sd > 0) if self.mode == "sample" else 0.0
-        if left > 0.1:
+        wide = [n.unexplained for name, n in self.numbers.items() if n.high - n.low > NUMBERS[name].least]
+        left = max(wide, default=0.0)
+        if self.mode == "sample" and left > 0.1:
             said.append(f"{100 * left:.0f} % of a variance is not explained by the sample: give more --samples")
         if self.failed:
             said.append(f"{self.failed} runs of the sample failed and are left out")

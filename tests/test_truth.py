@@ -69,6 +69,12 @@ def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
     check_agrees(tmp_path, {}, SHORT, 1e-3)
 
 
+@pytest.mark.usefixtures("quiet")
+def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path):
+    """In the wake too, and from the first road of a repetition on, which lay around the block when that began."""
+    check_agrees(tmp_path, {"track_memory": 1.0}, SHORT, 1e-3, "[track_memory]\nstrength = 1.0\n")
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("quiet")
 def test_nothing_hidden_compares_within_a_thousandth(tmp_path):
@@ -89,6 +95,6 @@ EFFECTS = {
 def test_an_effect_in_both_compares_as_nothing_hidden_does(tmp_path, effect):
     """What is hidden in the truth is the effect of that name, told the same size."""
     key, size = EFFECTS[effect]
-    own = {"side_cooling": 4e-3, "track_memory": 4e-3}  # errors of flashtemp's own: cool walls; the wake of an instant
+    own = {"side_cooling": 4e-3}  # an error of flashtemp's own: cool walls
     share = own.get(effect, 1e-3)
     check_agrees(tmp_path, {effect: size}, CALM, share, f"[{effect}]\n{key} = {size}\n")

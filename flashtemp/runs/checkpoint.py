@@ -17,6 +17,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.runs.folders import sync
+from flashtemp.solver.circular_track import COLUMNS
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.progress import Progress
 
@@ -62,7 +63,7 @@ def _image(work: Path, p: Progress) -> bytes:
             data = np.array(values, dtype=object if name == "ledger" else None)
             file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
         if p.track is not None:
-            for name in ("place", "time", "mean", "lane", "own"):
+            for name in COLUMNS:
                 file[f"track/{name}"] = np.array(getattr(p.track, name))
         file.flush()
         return bytes(file.id.get_file_image())

@@ -114,4 +114,4 @@ def _returning(scene: Scene, phase: Any):
     if lap is None:
         return None
     cold = np.zeros(mesh.n_road * mesh.n_across)
-    return lambda now: Incoming(cold + (1.0 if phase.slid_before + now.slid > lap else 0.0))
+    return lambda now, whole=False: Incoming(cold + (1.0 if phase.slid_before + now.slid > lap else 0.0))

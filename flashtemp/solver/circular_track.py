@@ -20,10 +20,22 @@ from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.system import Incoming, Inflow, System
 
+COLUMNS = (
+    "place",
+    "time",
+    "mean",
+    "lane",
+    "own",
+    "laid_place",
+    "laid_time",
+    "laid",
+    "laid_lane",
+)  # what a track remembers
+
 
 @dataclass
 class Track:
-    """Columns of road behind the block, by their place on the track (m, unwrapped).
+    """Columns of road by their place on the track (m, unwrapped): behind the block, and around it at its last start.
 
     `lap` track length (m), `film` surface heat-transfer coefficient W/m2K, `lateral` time constant
     (s) with which a lane mixes with its surroundings (theory 1.5).
@@ -43,6 +55,10 @@ class Track:
     mean: list = field(default_factory=list)  # modal amplitudes of the mean over lanes and gaps
     lane: list = field(default_factory=list)  # of the lanes' excess over that mean
     own: list = field(default_factory=list)  # of the column's excess over the road that entered
+    laid_place: list = field(default_factory=list)  # rising
+    laid_time: list = field(default_factory=list)
+    laid: list = field(default_factory=list)  # modal amplitudes of the mean
+    laid_lane: list = field(default_factory=list)  # of the lanes' excess over that mean
 
     def __post_init__(self):
         half = self.dz / (2 * self.conductivity)
@@ -57,29 +73,57 @@ class Track:
         self.rates, self.modes = eigh_tridiagonal(diagonal / capacity, -g / (self.root[1:] * self.root[:-1]))
         self.rates = np.maximum(self.rates, 0.0)
 
-    def leave(self, t: float, place: float, column, entering, share: float, lane=1.0) -> None:
+    def leave(self, t: float, place: float, column, entering, share: float, lane=1.0, whole=None) -> None:
         """Keep a column of rises that leaves at time t; it stands for `share` of the width.
 
-        `column` (n_road n_across,), deepest cells first; in lanes its excess is `lane` times as large.
+        `column` (n_road n_across,), deepest cells first; in lanes its excess over road as it was `entering` is `lane`
+        times as large.  The `whole` width came in colder, where it came with lanes.
         """
         excess = column - entering
         self.place.append(place)
         self.time.append(t)
-        self.mean.append(self._amplitudes(entering + share * excess))
+        self.mean.append(self._amplitudes((entering if whole is None else whole) + share * excess))
         self.lane.append(self._amplitudes((lane - share) * excess))
         self.own.append(self._amplitudes(excess))
 
     def forget(self) -> None:
         """The block was lifted and starts elsewhere."""
-        self.place, self.time, self.mean, self.lane, self.own = [], [], [], [], []
+        for name in COLUMNS:
+            setattr(self, name, [])
+
+    def lay(self, t: float, place: np.ndarray, whole: np.ndarray, lanes: np.ndarray) -> None:
+        """Keep rises (places, n_road, n_across) of the road around the block that starts at t: of the `whole` width,
+        and what `lanes` lie above that.
+
+        `place` (places,) falls: it is that of lines from the leading edge on.
+        """
+        self.laid_place, self.laid_time = list(place[::-1]), [t] * len(place)
+        self.laid, self.laid_lane = ([self._amplitudes(a) for a in columns[::-1]] for columns in (whole, lanes))
+
+    def lies(self, t: float, place: float, whole: bool = False) -> np.ndarray | None:
+        """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`; else None."""
+        if not self.laid or place > self.laid_place[-1]:
+            return None
+        k = min(max(int(np.searchsorted(self.laid_place, place)), 1), len(self.laid) - 1)
+        before, after = self.laid_place[k - 1 : k + 1]
+        w = min(max((place - before) / (after - before), 0.0), 1.0)
+        age = max(t - self.laid_time[k], 0.0)
+        apart = 0.0 if whole else np.exp(-age / self.lateral)
+        total = sum(part * (self.laid[j] + apart * self.laid_lane[j]) for j, part in ((k - 1, 1.0 - w), (k, w)))
+        total = np.exp(-self.rates * age)[:, None] * total
+        return (self.modes @ total / self.root[:, None]).ravel()
 
     def _amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
         return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
-    def carried(self, t: float, place: float) -> np.ndarray:
-        """Rise (n_road n_across,) in K of the road at `place` (m, unwrapped) coming round one lap later."""
-        return self._found(t, place, lambda j, age: self.mean[j] + np.exp(-age / self.lateral) * self.lane[j])
+    def carried(self, t: float, place: float, whole: bool = False) -> np.ndarray:
+        """Rise (n_road n_across,) in K of the road at `place` (m, unwrapped) coming round one lap later.
+
+        Where the spots are, which the road holds: their lanes have not spread altogether; or of the `whole` width.
+        """
+        apart = 0.0 if whole else 1.0
+        return self._found(t, place, lambda j, age: self.mean[j] + apart * np.exp(-age / self.lateral) * self.lane[j])
 
     def back(self, t: float, place: float, since: float, turned: float, share: float) -> Incoming:
         """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s).
@@ -120,6 +164,7 @@ class Track:
         """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
         ends = mesh.x[mesh.first] + mesh.x[mesh.last]
         place = [2.0 * slid - ends - s - self.lap for s in reversed(self.place)]
+        self.laid_place, self.laid_time, self.laid, self.laid_lane = [], [], [], []
         kept = {name: getattr(self, name)[::-1] for name in ("time", "mean", "lane", "own")}
         around = slid - mesh.x[-1]  # the road around the block begins there
         n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.apart
@@ -166,10 +211,11 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
     scene = balance.scene
     since = phase.start if scene.schedule.lifted else 0.0
 
-    def carried(now):
+    def carried(now, whole=False):
         place = now.passed - scene.mesh.x[0]
         if phase.turned < since:
-            return Incoming(track.carried(now.t, place))
+            lies = track.lies(now.t, place, whole)
+            return Incoming(track.carried(now.t, place, whole)) if lies is None else Incoming(0.0 * lies, before=lies)
         return track.back(now.t, place, since, phase.turned, balance.share)
 
     return carried
@@ -187,4 +233,6 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
     lane = np.tile(lanes.everywhere(scene.mesh, system.contact(now, y).state.lane)[-1], scene.mesh.n_road)
-    track.leave(t, place, column - drift, system.entering(now) - drift, b.share, lane)
+    at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
+    entering, whole = (system.came_as(now, at, which)[0] - drift for which in (False, True))
+    track.leave(t, place, column - drift, entering, b.share, lane, whole)

@@ -54,9 +54,9 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
     }
     shown = T if b.road_frame is None else b.road_frame.shown(T, moment.passed)
     profiles = {name: _along_block(mesh, values, phase.direction) for name, values in profiles.items()}
-    wake = {"T_wake": _surface(b, shown, entering, mesh.road[mesh.last :])}
+    wake = {"T_wake": _surface(system, moment, shown, slice(mesh.last, None))}
     if -1 in b.scene.schedule.directions:
-        wake["T_ahead"] = _surface(b, shown, entering, mesh.road[: mesh.first])
+        wake["T_ahead"] = _surface(system, moment, shown, slice(0, mesh.first))
     energy = _energy(b, y, now)
     row = {
         "time": t,
@@ -118,11 +118,13 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
-def _surface(b: Balance, T, entering, lines) -> np.ndarray:
+def _surface(system: System, moment, T, lines: slice) -> np.ndarray:
     """Road surface (lines, planes) in degC, over lanes and gaps: all heat that the road took."""
-    mesh, under = b.scene.mesh, entering[-b.scene.mesh.n_across :]
-    free = mesh.planes(T)[lines[:, -1]]
-    return b.scene.ambient - KELVIN + under + b.share * (free - under)
+    b, mesh = system.b, system.b.scene.mesh
+    free = mesh.planes(T)[mesh.road[lines][:, -1]]
+    behind, top = mesh.x_centre[lines] - mesh.x[0], slice(-mesh.n_across, None)
+    under, whole = (system.came_as(moment, behind, which)[:, top] for which in (False, True))
+    return b.scene.ambient - KELVIN + whole + b.share * (free - under)
 
 
 def _energy(b: Balance, y, now: Progress) -> dict[str, float]:

@@ -18,7 +18,7 @@ from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
+from flashtemp.solver.circular_track import COLUMNS, inflow, leave, remembers, track_of
 from flashtemp.solver.conjugate_residuals import solve
 from flashtemp.solver.march import Path, march
 from flashtemp.solver.progress import Progress
@@ -32,7 +32,6 @@ FIRST, MOST = 0.03, 0.1  # first and longest step, in roots of the share of a st
 CLOSE = 0.2  # change by the correction over the change in the stretch, from which the next step follows
 GROWTH = 2.0  # BDF2 is stable up to 2.4
 TINY = 1e-7  # K: a change that need not be followed
-KEPT = ("place", "time", "mean", "lane", "own")  # what a track remembers
 
 
 @dataclass(frozen=True)
@@ -208,7 +207,7 @@ class Neighbours:
         idle = [one for one in moved if one.since >= phase.end]
         for one in live:
             if phase.begin <= one.since and one.now.track is not None and level.now.track is not None:
-                kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in KEPT}
+                kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in COLUMNS}
                 one.now.track = replace(one.now.track, **kept)
         S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
         S = _integrate(phase, _Path(path), level.during(phase, leg), [one.during(phase, leg) for one in live], S, times)

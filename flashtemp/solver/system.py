@@ -28,7 +28,7 @@ class Incoming(NamedTuple):
     before: np.ndarray | float = 0.0
 
 
-Inflow = Callable[[Any], Incoming]  # of a moment
+Inflow = Callable[..., Incoming]  # of a moment, and whether of the whole width instead of the lanes
 
 
 @dataclass(frozen=True)
@@ -55,17 +55,27 @@ class System:
             now = now._replace(ambient=laws("ambient.temperature", now.ambient, None, now))
         return now
 
-    def entering(self, now) -> np.ndarray:
-        """Temperature rise (n_road n_across,) of the road that enters now, deepest cells first.
+    def entering(self, now, whole: bool = False) -> np.ndarray:
+        """Temperature rise (n_road n_across,) of the road that enters now, deepest first: in lanes, or as a `whole`.
 
         Where the block slides back, what that road was before the block was on it: what its lanes widen into.
         """
         drift = now.ambient - self.b.scene.ambient
         if self.inflow is None:
             return self.b.no_inflow + drift
-        found = self.inflow(now)
+        found = self.inflow(now, whole)
         fresh = drift + 0.0 * found.carried + found.before
         return self.b.laws("road.inflow", fresh, None, now._replace(carried=found.carried))
+
+    def came_as(self, now, behind: np.ndarray, whole: bool = False) -> np.ndarray:
+        """Rises (places, n_road n_across) of road `behind` (m) the window's edge, had it met no block since it came.
+
+        Where the block slides back, those of the road that enters now.
+        """
+        if self.inflow is None or self.phase.turned > -np.inf:
+            return np.tile(self.entering(now, whole), (len(behind), 1))
+        at, which = np.unique(behind, return_inverse=True)
+        return np.array([self.entering(now._replace(passed=now.passed - way), whole) for way in at])[which]
 
     def back(self, now) -> np.ndarray | float:
         """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""

@@ -55,14 +55,21 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     system = System(balance, before, inflow(balance, before, now.track))
     moment = system.moment(before.end)
     rise = balance.rise(y[: balance.n])
-    road, entering = mesh.planes(rise)[mesh.road], system.entering(moment).reshape(mesh.n_road, -1)
+    road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
+    entering, mean = (system.came_as(moment, behind, whole).reshape(road.shape) for whole in (False, True))
     fresh = entering + 0.0 * road
     if now.track is not None and now.track.endless:
         now.track.forget()
     elif now.track is not None:
         lane = lanes.everywhere(mesh, system.contact(moment, y).state.lane)[:, None]
-        mixed = balance.share + (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
-        fresh += balance.laws("road.inflow", 0.0, None, moment._replace(carried=mixed * (road - entering)))
+        apart = (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
+        left, above = (
+            balance.laws("road.inflow", 0.0, None, moment._replace(carried=part * (road - entering)))
+            for part in (balance.share, apart)
+        )
+        fresh += left + above
+        place, drift = moment.passed - mesh.x_centre, moment.ambient - scene.ambient
+        now.track.lay(before.end, place, mean + left - drift, fresh - mean - left)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy(rise)[everywhere]

@@ -67,9 +67,9 @@ ONE = {
     "film": Hidden(204, {"interface_resistance": {"resistance": 2e-5}}),
     "softening": Hidden(205, {"friction_softening": {"b": 0.006}}),
     "memory": Hidden(206, {"track_memory": {"strength": 0.3}}),
-    "depth": Hidden(207, {"heat_depth": {"share": 0.1}}),
+    "depth": Hidden(207, {"heat_depth": {"share": 0.13}}),
     "conductivity": Hidden(208, {"conductivity_slope": {"block": 0.008}}),
-    "capacity": Hidden(209, {"capacity_slope": {"block": 0.01}}),
+    "capacity": Hidden(209, {"capacity_slope": {"block": 0.02}}),
     "drift": Hidden(210, {"ambient_drift": {"rate": 0.01}}),
     "stream": Hidden(211, {"side_cooling": {"gain": 60.0}}),
     "debris": Hidden(212, {"third_body": {"growth": 1e-5}}),
@@ -332,14 +332,15 @@ def test_where_nothing_is_hidden_nothing_is_found(found, name):
 
 @pytest.mark.long
 def test_a_shape_that_no_member_has_is_learned(found):
-    """A W of the pressure: no cause of the catalogue is given, and the curve is that W to a tenth of its height."""
+    """A W of the pressure: no cause of the catalogue is given, and the curve is that W to a twentieth of its height, rms;
+    more at its corners, a quarter of a millimetre from knots of the curve."""
     now = found("W-shaped")
     assert (now.verdict, now.names) == ("learned", ["learned"])
     assert (now.law["quantity"], now.law["argument"]) == ("pressure", "place")
     weight = now.truth["hidden"]["pressure_profile"]["weight"]
     at, curve = np.array(now.law["curve"]["argument"]), np.array(now.law["curve"]["value"])
     true = 1.0 + weight * (np.interp(at, *zip(*W, strict=True)) - 1.0)
-    assert np.abs(curve - true / true.mean()).max() < 0.1 * np.ptp(true)
+    assert np.sqrt(np.mean((curve - true / true.mean()) ** 2)) < 0.05 * np.ptp(true)
     assert now.law["formula"] == ""
     assert "nothing in the catalogue" in now.says[0]
 
@@ -347,9 +348,13 @@ def test_a_shape_that_no_member_has_is_learned(found):
 @pytest.mark.long
 def test_without_the_true_effect_no_other_is_named_for_sure(found):
     """A crowned pressure while the catalogue lacks it: what resembles it may be mentioned, but never as the sure
-    cause; only the verdict class is asserted, for the nearest member depends on the seed."""
+    cause; that it is the pressure, and most in the middle, may be learned."""
     now = found("crown left out")
-    assert now.verdict in ("unexplained", "weak", "group", "no_verdict")
+    assert now.verdict in ("unexplained", "weak", "group", "no_verdict", "learned")
+    if now.verdict == "learned":
+        curve = now.law["curve"]["value"]
+        assert (now.law["quantity"], now.law["argument"]) == ("pressure", "place")
+        assert curve[len(curve) // 2] > max(curve[0], curve[-1])
     assert all(c["effect"] != "pressure_crown" for c in now.candidates)
 
 

@@ -267,23 +267,40 @@ def test_rims_are_left_out(slid):
 @pytest.mark.parametrize(("film", "time"), [(10.0, 5.0), (10.0, 35.0), (20.0, 440.0)])
 def test_fin_correction_against_the_corner_problem(lab, film, time):
     """Section (y, z) with a hot face, an insulated back and a film on the wall, by finite volumes."""
-    z, wall, mean = corner(film, time)
+    z, wall, mean = corner((film, time))
     scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
-    factor = wall_cooling(scene, np.array([film]), z, np.array([time]))[0]
+    factor = wall_cooling(scene, (np.zeros(1), np.array([film])), z, np.array([time]))[0]
     depth = (z > 2e-4) & (z < 6e-3)
     off = np.abs((1 - factor) / (1 - wall / mean) - 1)[depth]
     lab.check(f"wall cooler than the section, h = {film:g}, {time:g} s, relative", off.max(), 0.12)
 
 
-def corner(film, time, n=44, steps=120):
-    """Heights z, rise of the wall and mean across the width (n,) for a face at 1."""
+@pytest.mark.parametrize("after", [0.3, 8.0])
+def test_the_wall_remembers_the_film_that_it_had(lab, after):
+    """30 W/m2K for 20 s, then 2: the wall warms up again as heat reaches it, not at once."""
+    before = corner((30.0, 20.0))
+    z, wall, mean = corner((30.0, 20.0), (2.0, after))
+    scene, at = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2]))), np.array([20.0 + after])
+    depth = (z > 2e-4) & (z < 6e-3)
+    largest = (1 - before[1] / before[2])[depth].max()
+
+    def off(*steps):
+        factor = wall_cooling(scene, tuple(map(np.array, zip(*steps, strict=True))), z, at)[0]
+        return np.abs(factor - wall / mean)[depth].max() / largest
+
+    lab.check(f"wall {after:g} s after the film fell, over its cooling before", off((0.0, 30.0), (20.0, -28.0)), 0.14)
+    assert off((0.0, 2.0)) > 0.35  # the film of the moment alone
+
+
+def corner(*stages, n=44, steps=120):
+    """Heights z, rise of the wall and mean across the width (n,) for a face at 1, after (film, time) stages."""
     from scipy.sparse import csc_matrix, diags
     from scipy.sparse.linalg import splu
 
     k, rc = 0.25, 1200 * 1700.0
     y, z = (np.concatenate([[0.0], np.geomspace(a, b, n)]) for a, b in ((8e-5, W / 2), (5e-5, H)))
     dy, dz = np.diff(y), np.diff(z)
-    entries, sink, source = [], np.zeros((n, n)), np.zeros((n, n))
+    entries, source = [], np.zeros((n, n))
     index = np.arange(n * n).reshape(n, n)
     for a, b, g in (
         (index[:-1], index[1:], k * dz[None] / (0.5 * (dy[1:] + dy[:-1]))[:, None]),
@@ -291,16 +308,16 @@ def corner(film, time, n=44, steps=120):
     ):
         for i, j in ((a, b), (b, a)):
             entries += [(i.ravel(), j.ravel(), g.ravel()), (i.ravel(), i.ravel(), -g.ravel())]
-    sink[0] += dz / (dy[0] / (2 * k) + 1 / film)
     source[:, 0] = dy / (dz[0] / (2 * k))
-    sink += source
     rows, cols, values = (np.concatenate(part) for part in zip(*entries, strict=True))
-    A = csc_matrix((values, (rows, cols)), (n * n, n * n)) - diags(sink.ravel(), format="csc")
-    T, dt = np.zeros(n * n), time / steps
-    C = rc * np.outer(dy, dz).ravel()
-    solve = splu((diags(C / dt) - A).tocsc()).solve
-    for _ in range(steps):
-        T = solve(C / dt * T + source.ravel())
+    T, C = np.zeros(n * n), rc * np.outer(dy, dz).ravel()
+    for film, time in stages:
+        sink, dt = source.copy(), time / steps
+        sink[0] += dz / (dy[0] / (2 * k) + 1 / film)
+        A = csc_matrix((values, (rows, cols)), (n * n, n * n)) - diags(sink.ravel(), format="csc")
+        solve = splu((diags(C / dt) - A).tocsc()).solve
+        for _ in range(steps):
+            T = solve(C / dt * T + source.ravel())
     T = T.reshape(n, n)
     inner = dy[0] / (2 * k)
     return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), dy @ T / (W / 2)

@@ -107,7 +107,7 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
     middle = block[block.shape[0] // 2]
     z = 0.5 * (mesh.height[1:] + mesh.height[:-1])
     wall, mean = middle[:, 0] / (1 + 20.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity), middle @ mesh.share
-    guess = wall_cooling(lab.scene(lab.column(3, 0.007, 1e-3)), np.array([20.0]), z, np.array([wide.time[-1]]))[0]
+    guess = wall_cooling(lab.scene(lab.column(3, 0.007, 1e-3)), (np.zeros(1), np.array([20.0])), z, wide.time[-1:])[0]
     seen = (z > 1e-3) & (z < 6e-3)
     assert (wall / mean)[seen].max() < 0.995
     lab.check("wall cooler, 2D guess over 3D", np.abs((1 - guess) / (1 - wall / mean) - 1)[seen].max(), 0.12)

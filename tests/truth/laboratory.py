@@ -138,9 +138,10 @@ class World:
             return np.ones(len(z))
         root = np.sqrt(t) * (np.arange(400) + 0.5) / 400  # of the age
         reach = np.sqrt(p.k / p.rc) * root
-        near = np.array([np.mean(np.minimum(1.0, _erf(a / (2.0 * np.maximum(reach, 1e-12))))) for a in z])
-        film = self.convection + self.sides
-        return 1.0 / (1.0 + film / p.k * 2.0 * np.sqrt(p.k / p.rc * t / np.pi) * near)
+        lap = self.test.distance / self.speed + self.test.wait
+        film = self.convection + np.where((t - root**2) % lap < lap - self.test.wait, self.sides, 0.0)
+        near = np.array([np.mean(film * np.minimum(1.0, _erf(a / (2.0 * np.maximum(reach, 1e-12))))) for a in z])
+        return 1.0 / (1.0 + 2.0 / p.k * np.sqrt(p.k / p.rc * t / np.pi) * near)
 
 
 def _erf(x):

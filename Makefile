@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 PIP := .venv/bin/python -m pip --disable-pip-version-check
 READY := .venv/.ready
 
-.PHONY: help demo test test-all attack coverage lint odes clean
+.PHONY: help demo test test-all attack bench-smoke coverage lint odes clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
@@ -24,6 +24,9 @@ test-all: $(READY)  ## run the long tests too
 
 attack: $(READY)  ## kills, full disks, damage at random: an hour; ARGS="--share 0.1 kill" for less
 	OMP_NUM_THREADS=1 .venv/bin/python tests/attack/attack.py $(ARGS)
+
+bench-smoke: $(READY)  ## every benchmark, small: do we and the peers stay within the stated errors?
+	OMP_NUM_THREADS=1 .venv/bin/python benchmarks/smoke.py
 
 coverage: $(READY)  ## run the tests and tell which lines they miss; solver and discovery need 85 % a module
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report= $(ARGS)

@@ -8,6 +8,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from common import Row, table
+
 from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
@@ -16,8 +18,8 @@ from flashtemp.solver.run import Run
 CASE = Path(__file__).parent.parent / "cases" / "run_in"
 PLAIN = ["friction_softening", "track_memory", "edge_pressure"]
 KINDS = {
-    "uniform pressure": ["friction_softening", "track_memory"],
     "peaked pressure, no wear": PLAIN,
+    "uniform pressure": ["friction_softening", "track_memory"],
     "wear": [*PLAIN, "wear"],
     "wear and turning holder": [*PLAIN, "wear", "friction_moment"],
 }
@@ -30,8 +32,11 @@ def seconds(case) -> tuple[float, Run]:
     return time.process_time() - began, run
 
 
-def compare(repeat: int, given: dict) -> None:
-    """One row per kind; kinds take turns, so that a busy machine slows all of them alike."""
+LOST = 1e-8  # %: heat that appears or vanishes
+
+
+def compare(repeat: int, given: dict) -> list[Row]:
+    """A row per kind, its error the heat that was lost; kinds take turns, so that a busy machine slows all alike."""
     cases = {kind: load(CASE, given | {"effects": effects}) for kind, effects in KINDS.items()}
     times: dict[str, list[float]] = {kind: [] for kind in KINDS}
     runs = {}
@@ -39,26 +44,25 @@ def compare(repeat: int, given: dict) -> None:
         for kind, case in cases.items():
             spent, runs[kind] = seconds(case)
             times[kind].append(spent)
-    base = statistics.median(times["peaked pressure, no wear"][1:])
-    for kind, run in runs.items():
-        spent = statistics.median(times[kind][1:])
-        print(
-            f"{kind:26s} {run.mesh.n_cells:7d} {run.statistics['steps']:7d} {spent:8.2f} {spent / base:7.2f}",
-            flush=True,
-        )
+    return [
+        Row(f"{kind}, {run.statistics['steps']} steps", run.mesh.n_cells, 100.0 * run.summary["energy_imbalance"], LOST,
+            statistics.median(times[kind][1:]))
+        for kind, run in runs.items()
+    ]  # fmt: skip
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
+    beyond = 0
     for binding in available():
         for repetitions, mesh in ((30, 1.0), (10, 1.0), (10, 2.0)):
-            print(f"{binding}, {repetitions} repetitions, mesh {mesh:g}: cells, steps, CPU s, ratio")
-            compare(options.repeat, {
-                "schedule.repetitions": repetitions, "numerics.mesh": mesh, "numerics.integrator": binding,
-            })  # fmt: skip
+            print(f"{binding}, {repetitions} repetitions, mesh {mesh:g}")
+            given = {"schedule.repetitions": repetitions, "numerics.mesh": mesh, "numerics.integrator": binding}
+            beyond |= table(compare(options.repeat, given))
+    return beyond
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
-from common import profile_error, table, timed
+import scipy_peer
+from common import Row, clocked, profile_error, table, timed
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.model.case import load
@@ -24,18 +24,9 @@ ROUGH = {
     "numerics.cells": [14, 9, 18], "numerics.first_x": 3e-4, "numerics.last_x": 1.5e-3,
     "numerics.first_block": 3e-5, "numerics.first_road": 1.6e-5, "numerics.rtol": 3e-3,
 }  # fmt: skip
-PEERS = {
-    "scipy splu, Crank-Nicolson, 41 chosen steps": [
-        "mol_splu.py",
-        "CN",
-        "plan:1",
-        "1e-5",
-        "5e-6",
-        "1.3",
-        "1.08",
-        "central",
-    ],
-    "scipy solve_ivp BDF, sparse Jacobian": ["mol_solve_ivp.py", "1e-5", "5e-6", "1.3", "1.08", "1e-3"],
+PEER = {  # mesh of the scipy peer by name, and its stated error, %
+    "scipy splu, Crank-Nicolson, 41 chosen steps": ((1e-5, 5e-6, 1.3, 1.08), 0.1),
+    "the same, 1 %": ((1e-5, 1e-5, 1.8, 1.3), 1.0),
 }
 
 
@@ -45,41 +36,52 @@ def middle(run, t: float) -> float:
     return float(CubicSpline(np.sqrt(run.time), at)(np.sqrt(t)))
 
 
-def peer(folder: Path, command: list[str], repeat: int, python: str = sys.executable) -> tuple[int, float, float]:
-    """Cells, error and CPU seconds that a peer's script reports."""
-    out = subprocess.run(
-        [python, str(folder / command[0]), *command[1:], str(repeat)],
-        capture_output=True, text=True, check=True, env={"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+def fipy(folder: Path, python: str) -> Row:
+    """FiPy by its own script `fipy_slide2d.py` in a folder, under a Python that has it; a minute."""
+    command = [python, str(folder / "fipy_slide2d.py"), "1e-5", "5e-6", "1.07", "1.07", "0.25", "lu", "central", "1"]
+    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    out = subprocess.run(command, capture_output=True, text=True, check=True, env=alone)
     row = json.loads(out.stdout.strip().splitlines()[-1])
-    return row["cells"], max(row["err_TR"], row["err_hist"]), row["user"]
+    return Row("FiPy, LU, 164 steps", row["cells"], max(row["err_TR"], row["err_hist"]), 0.12, row["user"])
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--peers", type=Path, help="folder with the peers' scripts")
-    parser.add_argument("--fipy", help="a Python that has FiPy: include it (a minute)")
-    parser.add_argument("--repeat", type=int, default=5)
-    options = parser.parse_args()
+def rows(repeat: int) -> list[Row]:
+    """flashtemp with every binding at 0.1 and 1 %, and what a careful user would write with scipy."""
     reference = json.loads((Path(__file__).parent.parent / "tests" / "data" / "slide2d_reference.json").read_text())
     x, rise = np.array(reference["x"]), np.array(reference["TR_rise"])
     history = reference["t_mid"], reference["TR_mid_rise"]
-    rows = []
-    for name, change in (("0.1 %", GOOD), ("1 %", ROUGH)):
+    out = []
+    for limit, change in ((0.1, GOOD), (1.0, ROUGH)):
         for binding in available():
             case = load(CASE, {"numerics.integrator": binding, "output.profiles": 150, "output.fields": 2, **change})
-            seconds, run = timed(case, options.repeat)
+            seconds, run = timed(case, repeat)
             late = 100 * max(abs(middle(run, t) - T) for t, T in zip(*history, strict=True)) / rise.max()
             error = max(profile_error(run, x, rise), late)
-            rows.append((f"flashtemp, {binding}, {name}", run.mesh.n_cells, error, seconds))
-    if options.peers:
-        for name, command in PEERS.items():
-            rows.append((name, *peer(options.peers, command, options.repeat)))
-        if options.fipy:
-            command = ["fipy_slide2d.py", "1e-5", "5e-6", "1.07", "1.07", "0.25", "lu", "central"]
-            rows.append(("FiPy, LU, 164 steps", *peer(options.peers, command, 1, options.fipy)))
-    table(rows)
+            out.append(Row(f"flashtemp, {binding}, {limit:g} %", run.mesh.n_cells, error, limit, seconds))
+
+    def off(T) -> float:
+        return 100.0 * float(np.abs(T - rise).max() / rise.max())
+
+    for name, (given, limit) in PEER.items():
+        mesh = scipy_peer.mesh(*given)
+        seconds, T = clocked(lambda mesh=mesh: scipy_peer.crank_nicolson(mesh), repeat)
+        out.append(Row(name, mesh.cells, off(T), limit, seconds))
+    mesh = scipy_peer.mesh(*PEER[next(iter(PEER))][0])
+    seconds, T = clocked(lambda: scipy_peer.changing(mesh, [[0.0, 0.1], [35.0, 0.1]], 0.0, 35.0, 1e-3), repeat)
+    out.append(Row("scipy solve_ivp BDF, sparse Jacobian", mesh.cells, off(T), 0.1, seconds))
+    return out
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fipy", nargs=2, metavar=("FOLDER", "PYTHON"), help="FiPy's script, and a Python that has it")
+    parser.add_argument("--repeat", type=int, default=5)
+    options = parser.parse_args()
+    found = rows(options.repeat)
+    if options.fipy:
+        found.append(fipy(Path(options.fipy[0]), options.fipy[1]))
+    return table(found)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from common import Row, clocked, table
 
 from flashtemp.model.build import theory_of
 from flashtemp.model.case import load
@@ -28,30 +29,28 @@ OTHERS: dict[str, dict] = {  # the same friction at the end, about
 }
 
 
-def median(function, repeat: int) -> float:
-    """Median CPU seconds of a call."""
-    spent = []
-    for _ in range(repeat):
-        start = time.process_time()
-        function()
-        spent.append(time.process_time() - start)
-    return statistics.median(spent)
+STATED = 0.15  # %: of mu, by which a table is off at most
 
 
-def tables(file: Path, repeat: int) -> None:
+SPEEDS = {"one speed": (0.1, 0.1), "0.01 to 1 m/s": (0.01, 1.0)}
+
+
+def tables(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[Row]:
     """What tabulating costs: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
+    rows = []
     scene, acting = theory_of(load(file, THEORY))
     theory, T = acting.p.theory, KELVIN + np.linspace(-20.0, 180.0, 40)
     v = np.geomspace(1e-6, 10.0, 60)[:, None]
-    print(f"{'mu(v, T), 60 x 40':36s} {1e3 * median(lambda: theory(v, T, 1.5e5), repeat):6.0f} ms")
-    for words, speeds in (("one speed", (0.1, 0.1)), ("0.01 to 1 m/s", (0.01, 1.0))):
+    print(f"{'mu(v, T), 60 x 40':36s} {1e3 * clocked(lambda: theory(v, T, 1.5e5), repeat)[0]:6.0f} ms")
+    for words in spans:
         made: list = []
 
-        def make(speeds=speeds, made=made):  # another pressure each time, so that none is taken from before
-            made.append(tabulate(theory, scene.block, 3e-3, speeds, 1.5e5 + len(made), 293.15, 4e-6))
+        def make(speeds=SPEEDS[words], made=made):  # other spots each time, so that no table is taken from before
+            made.append(tabulate(theory, scene.block, 3e-3 + 1e-9 * len(made), speeds, 1.5e5, 293.15, 4e-6))
 
-        spent = median(make, repeat)
-        print(f"{'table for a run, ' + words:36s} {1e3 * spent:6.0f} ms, off by {made[-1].error:.1e} of mu at most")
+        spent, _ = clocked(make, repeat)
+        rows.append(Row(f"table for a run, {words}", 0, 100.0 * made[-1].error, STATED, spent))
+    return rows
 
 
 def runs(file: Path, repeat: int, meshes) -> None:
@@ -81,6 +80,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case.toml"
         case.write_text("effects = []\n")
-        tables(case, given.repeat)
+        beyond = table(tables(case, given.repeat))
         print()
         runs(case, given.repeat, given.meshes)
+    raise SystemExit(beyond)

@@ -1,6 +1,6 @@
 """Friction falling with temperature and speed changing: flashtemp against scipy solve_ivp BDF.
 
-Both are judged by the peer's own solution on a mesh and on that mesh halved, extrapolated: it shares nothing with flashtemp
+Both are judged by the peer's own solution on a mesh and on that mesh halved, extrapolated: it shares nothing with us
 (scipy_peer.py).  It lies in tests/data/slide2d_changing.json; --reference makes it anew in a minute.
 """
 

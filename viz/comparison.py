@@ -53,7 +53,7 @@ def frames(seeing, run=None) -> dict[int, str]:
     r, why = seeing.view.recording, {}
     on = None if run is None else sliding(r.time, run)
     seen = np.isfinite(seeing.residual).any(axis=0)
-    heat = np.where(seen, seeing.predicted, 0.0).sum(axis=(1, 2))
+    heat = np.sum(seeing.predicted, axis=(1, 2), where=seen)
     for number in np.unique(r.repetition)[[0, -1]]:
         own = np.flatnonzero(r.repetition == number)
         slid = own[on[own]] if on is not None else own[:0]

@@ -77,7 +77,7 @@ def mean(residual: np.ndarray, noise, kept: int | None) -> tuple[np.ndarray, np.
     shared = total if kept == 0 else (good.sum(axis=0, keepdims=True) ** 2).sum(axis=others)
     error = np.sqrt(noise.white**2 / count + noise.pattern**2 * shared / count**2)
     return (
-        np.where(total > 0, np.nansum(residual, axis=others) / count, np.nan),
+        np.where(total > 0, np.sum(residual, axis=others, where=good) / count, np.nan),
         np.where(total > 0, error, np.nan),
     )
 

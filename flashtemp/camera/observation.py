@@ -168,16 +168,22 @@ def observe(
     reflected = background if recording.reflected_degC is None else recording.reflected_degC
     emissivity = camera("emissivity", given + change)
     mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
-    outside, shown = LONG_WAVE.counts(background), []
+    outside, done = LONG_WAVE.counts(background), 0
+    shown: np.ndarray | None = None
+    offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
     batches = np.array_split(times, max(1, -(-len(times) // BATCH)))
     for batch in batches:
         body, along, up = _body(run if len(batches) == 1 else _around(run, batch), scene, recording, batch)
         light = LONG_WAVE.counts(body) - outside
         S = outside + _through(camera, light, (along, up), shift, place, scene.length, kept)
         told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
-        shown.append(LONG_WAVE.temperature(told))
-    offset = np.broadcast_to(camera("offset", 0.0), len(times))
-    return Seen(np.concatenate(shown) + offset[:, None, None], _inside(recording, along, up))
+        part = LONG_WAVE.temperature(told) + offset[done : done + len(batch)]
+        if len(batches) == 1:
+            return Seen(part, _inside(recording, along, up))
+        shown = np.empty((len(times), *part.shape[1:]), part.dtype) if shown is None else shown
+        shown[done : done + len(batch)], done = part, done + len(batch)
+    assert shown is not None
+    return Seen(shown, _inside(recording, along, up))
 
 
 def _at_points(run, recording: Recording, camera: Instrument) -> Seen:

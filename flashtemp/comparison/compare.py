@@ -258,7 +258,9 @@ def see(run: Run, scene: Scene, view: View) -> Seeing:
     stated = levels(view)
 
     def left(seen: Seen) -> np.ndarray:
-        return np.where(seen.inside, recording.temperature - seen.temperature, np.nan)
+        out: np.ndarray = recording.temperature - seen.temperature
+        out[:, ~seen.inside] = np.nan
+        return out
 
     plain = observe(run, scene, recording, scene.acting)
     if not np.isfinite(left(plain)).any():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FRAMES = 256  # that are worked on at a time
 MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
 
@@ -62,8 +63,9 @@ def _spread(values: np.ndarray) -> float:
 
 def over_frames(residual: np.ndarray) -> np.ndarray:
     """Mean over frames (nv, nu), NaN where no frame has a value."""
-    n = np.isfinite(residual).sum(axis=0)
-    return np.where(n > 0, np.nansum(residual, axis=0) / np.maximum(n, 1), np.nan)
+    known = np.isfinite(residual)
+    n = known.sum(axis=0)
+    return np.where(n > 0, np.sum(residual, axis=0, where=known) / np.maximum(n, 1), np.nan)
 
 
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
@@ -73,23 +75,31 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
     """
     w = noise.weight()
+    even = noise.averaged is None
     known = np.isfinite(residual)
-    n = (known * w).sum(axis=0)
-    mean = np.where(n > 0, np.nansum(residual * w, axis=0) / np.maximum(n, 1), np.nan)
+    n = known.sum(axis=0) if even else (known * w).sum(axis=0)
+    total = np.sum(residual if even else residual * w, axis=0, where=known)
+    mean = np.where(n > 0, total / np.maximum(n, 1), np.nan)
     c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
-    return np.sqrt(w) * (residual - c * mean) / noise.white
+    out: np.ndarray = residual - c * mean
+    out *= np.sqrt(w) / noise.white
+    return out
 
 
 def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:
     """Correlation of neighbours along an axis, and in units of its standard error for white noise."""
-    a = np.moveaxis(whitened, axis, 0)
-    first, second = a[:-1], a[1:]
-    both = np.isfinite(first) & np.isfinite(second)
-    count = int(both.sum())
+    count, product, kept, power = 0, 0.0, 0, 0.0
+    for begin in range(0, len(whitened), FRAMES):
+        part = whitened[begin : begin + FRAMES]
+        known = part[np.isfinite(part)]
+        kept, power = kept + known.size, power + float(known @ known)
+        a = np.moveaxis(whitened[begin : begin + FRAMES + 1] if axis == 0 else part, axis, 0)
+        both = a[:-1] * a[1:]
+        both = both[np.isfinite(both)]
+        count, product = count + both.size, product + float(both.sum())
     if count < 8:
         return 0.0, 0.0
-    power = np.nanmean(whitened**2)
-    r = float(np.mean(first[both] * second[both]) / power) if power > 0 else 0.0
+    r = product / count / (power / kept) if power > 0 else 0.0
     return r, r * np.sqrt(count)
 
 
@@ -107,21 +117,33 @@ class Place:
 
 def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> Place | None:
     """The largest residual that is wider than a pixel: of means over `size` x `size` pixels of one frame."""
+    axes = [a for a in (1, 2) if residual.shape[a] >= size and getattr(recording, "places", None) is None]
+    best, where = (-1.0, 0.0), (0, 0, 0)  # points are no neighbours
+    for begin in range(0, len(residual), FRAMES):
+        mean, error, known = _means(residual[begin : begin + FRAMES], noise, axes, size)
+        if known.any():
+            k, j, i = map(int, np.unravel_index(int(np.argmax(np.abs(mean) / error)), mean.shape))
+            far = abs(mean[k, j, i]) / error[k, j, i]
+            if far > best[0]:
+                best, where = (far, float(mean[k, j, i])), (begin + k, j, i)
+    if best[0] < 0.0:
+        return None
+    (far, K), (k, j, i) = best, where
+    return Place(
+        K, float(np.copysign(far, K)), float(recording.u[i]), float(recording.v[j]), float(recording.time[k]),
+        int(recording.repetition[k]),
+    )  # fmt: skip
+
+
+def _means(residual: np.ndarray, noise: Noise, axes: list[int], size: int):
+    """Means (frames, nv, nu) over `size` pixels along `axes`, their standard errors, and what is known at all."""
     from scipy.ndimage import uniform_filter1d
 
     known = np.isfinite(residual)
     values, weight = np.where(known, residual, 0.0), known.astype(float)
-    for axis in (1, 2) if getattr(recording, "places", None) is None else ():  # points are no neighbours
-        if residual.shape[axis] >= size:
-            values = uniform_filter1d(values, size, axis=axis, mode="constant") * size
-            weight = uniform_filter1d(weight, size, axis=axis, mode="constant") * size
+    for axis in axes:
+        values = uniform_filter1d(values, size, axis=axis, mode="constant") * size
+        weight = uniform_filter1d(weight, size, axis=axis, mode="constant") * size
     weight[~known] = 0.0
-    if not known.any():
-        return None
     mean = np.where(weight > 0.5, values / np.maximum(weight, 1.0), 0.0)
-    error = np.sqrt((noise.white**2 + noise.pattern**2) / np.maximum(weight, 1.0))
-    k, j, i = np.unravel_index(int(np.argmax(np.abs(mean) / error)), mean.shape)
-    return Place(
-        float(mean[k, j, i]), float(mean[k, j, i] / error[k, j, i]), float(recording.u[i]), float(recording.v[j]),
-        float(recording.time[k]), int(recording.repetition[k]),
-    )  # fmt: skip
+    return mean, np.sqrt((noise.white**2 + noise.pattern**2) / np.maximum(weight, 1.0)), known

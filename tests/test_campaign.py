@@ -87,6 +87,13 @@ def test_all_faults_are_told_at_once(folder):
     assert len(refused(folder, HEAD + VIEW + 'sigma_K = 0\n[[recording]]\nfile = "b.nc"\n[[force]]\nfile = "c"\n')) == 3
 
 
+def test_a_case_is_no_campaign(tmp_path, capsys):
+    file = tmp_path / "mine.toml"
+    file.write_text("[schedule]\nspeed = 0.2\n")
+    assert main(["discover", str(file)]) == 2
+    assert 'this is a case, not a campaign; give a campaign.toml with case = "mine.toml"' in capsys.readouterr().err
+
+
 def test_a_missing_campaign_is_bad_input(tmp_path, capsys):
     assert main(["compare", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert "no such campaign" in capsys.readouterr().err

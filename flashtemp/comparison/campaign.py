@@ -21,6 +21,7 @@ NETD = 0.05  # K, of a camera that is imagined
 READ = 40  # times that imagined thermocouples are read per repetition
 MOST = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
+CASE = {"effects", "block", "road", "contact", "friction", "schedule", "ambient", "numerics", "output"}  # of a case
 ENTRY = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
     "force": {"file", "with", "sigma", "held_out"},
@@ -146,6 +147,8 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     if not file.is_file():
         raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
     text, raw = case_file.read_toml(file)
+    if not {*ENTRY, "case"} & raw.keys() and CASE & raw.keys():
+        raise BadInput(f'{file}: this is a case, not a campaign; give a campaign.toml with case = "{file.name}"')
     reader = _Reader(case_file.Places(str(file), text), file.parent, planned, limit)
     for key in raw.keys() - TOP:
         reader.fault(key, f"unknown key{nearest(key, sorted(TOP))}")

@@ -19,6 +19,7 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
+ROWS = 65536  # of columns that are multiplied at a time
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,15 @@ class Projection:
     raw: Array
 
 
+def products(a: Columns, b: Columns | Array) -> Array:
+    """a^T b in double precision, by parts of the rows: a copy of all of them would be much memory."""
+    out = np.zeros((a.shape[1], *b.shape[1:]))
+    for first in range(0, len(a), ROWS):
+        part = slice(first, first + ROWS)
+        out += a[part].astype(float).T @ b[part].astype(float)
+    return out
+
+
 class System:
     """Products of all columns of all blocks."""
 
@@ -103,13 +113,12 @@ class System:
         self.parts = [self._products(b) for b in self.blocks]
 
     def _products(self, block: Block) -> BlockEquations:
-        C, k = block.C.astype(float), block.C.shape[1]
-        F = block.F
+        C, F, k = block.C, block.F, block.C.shape[1]
         G = np.empty((k + F.shape[1],) * 2)
-        G[:k, :k], G[k:, k:] = C.T @ C, block.FF
-        G[k:, :k] = F.T @ C
+        G[:k, :k], G[k:, k:] = products(C, C), block.FF
+        G[k:, :k] = products(F, C)
         G[:k, k:] = G[k:, :k].T
-        g = np.concatenate([C.T @ block.r, F.T @ block.r])
+        g = np.concatenate([products(C, block.r), products(F, block.r)])
         at = np.array([self.index[n] for n, _ in block.names], dtype=int)
         col = np.array([c for _, c in block.names], dtype=int)
         return BlockEquations(at, NormalEquations(G[np.ix_(col, col)], g[col], float(block.r @ block.r), block.count))
@@ -181,5 +190,8 @@ def residual(block: Block, solution: Solution) -> Array:
     d = np.zeros(k + block.F.shape[1])
     for name, column in block.names:
         d[column] += found.get(name, 0.0)
-    left: Array = block.r - block.C @ d[:k] - block.F @ d[k:]
+    left = block.r.copy()
+    for first in range(0, len(left), ROWS):
+        part = slice(first, first + ROWS)
+        left[part] -= block.C[part] @ d[:k] + block.F[part] @ d[k:]
     return left

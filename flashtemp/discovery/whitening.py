@@ -13,7 +13,7 @@ from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import levels, scatter
 from flashtemp.comparison.noise import Noise, noise, whiten
 from flashtemp.discovery.floor import smooth_errors
-from flashtemp.discovery.linear_gaussian import Array, Block
+from flashtemp.discovery.linear_gaussian import Array, Block, products
 from flashtemp.discovery.nuisances import smooth_images
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Prediction, Single, packed
@@ -90,7 +90,7 @@ class Data:
         if len(F) != len(r):  # what may be compared has changed
             F, FF = _products(fixed, white, len(r))
         own = {p: v for p, v in seen.columns.items() if p not in fixed}
-        C = _stack([white(v) for v in own.values()], len(r))
+        C = _stack(own, white, len(r))
         return Block(entry.file, number, entry.held_out, r, C, self._names([*own, *fixed], number, entry), F, FF)
 
     def _names(
@@ -153,9 +153,13 @@ def _left(view: View, seen: Observable) -> Array:
 
 
 def _products(columns: dict[ParameterId, npt.NDArray[Any]], white: White, n: int) -> tuple[Single, Array]:
-    F = _stack([white(v) for v in columns.values()], n)
-    return F, F.astype(float).T @ F.astype(float)
+    F = _stack(columns, white, n)
+    return F, products(F, F)
 
 
-def _stack(columns: list[Array], n: int) -> Single:
-    return np.stack(columns, axis=1).astype(np.float32) if columns else np.zeros((n, 0), np.float32)
+def _stack(columns: Mapping[ParameterId, npt.NDArray[Any]], white: White, n: int) -> Single:
+    """The columns (n, k) whitened, one after the other: two at once would be much memory."""
+    out = np.empty((n, len(columns)), np.float32, order="F")
+    for k, values in enumerate(columns.values()):
+        out[:, k] = white(values)
+    return out

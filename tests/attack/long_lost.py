@@ -157,6 +157,8 @@ class Bench:
         for name, values in known.items():
             if isinstance(values, str):
                 same = values == found[name]
+                if not same:
+                    return f"{kind}: {sorted(set(values.split()) ^ set(found[name].split()))}"
             else:
                 scale = max(1e-3, float(np.nanmax(np.abs(values - np.nanmin(values)))))
                 same = values.shape == found[name].shape and np.allclose(
@@ -194,6 +196,9 @@ def answer(out: Path) -> dict:
     if (out / "verdict.json").is_file():
         verdict = json.loads((out / "verdict.json").read_text())
         return {"files": files, "verdict": verdict["verdict"], "chi2": np.array(verdict["base"]["chi2_per_dof"])}
+    if (out / "compare.json").is_file():
+        found = json.loads((out / "compare.json").read_text())
+        return {"files": files, "rmse": np.array([r["rmse_K"] for r in found["recordings"]])}
     name = "sweep.nc" if (out / "sweep.nc").is_file() else "run.nc"
     with xr.open_dataset(out / name) as ds:
         shown = ("time", "T_block", "T_spot", "T_road", "pressure", "slid", "rise_trailing_K", "friction")

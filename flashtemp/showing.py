@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import secrets
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -116,6 +117,9 @@ def write_json(data: Any, file: Path) -> None:
     """Write plain data into a JSON file, whole or not at all."""
     with whole_file(file) as fresh:
         fresh.write_text(to_json(data) + "\n", encoding="utf-8")
+
+
+UNFINISHED = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of files that are being written
 
 
 @contextmanager

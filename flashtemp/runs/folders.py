@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput, Incomplete, Interrupted
+from flashtemp.showing import UNFINISHED
 
 MARKER = ".flashtemp.json"  # in a working folder: whose it is; held locked while it is being written
 
@@ -166,6 +167,9 @@ def place(work: Path, out: Path, overwrite: bool = False, drop: tuple[str, ...] 
     An earlier result is replaced with `overwrite` alone; otherwise, where somebody made `out` meanwhile, the name is
     the first free one.  Files `drop` are removed once the folder has its name: killed before, it can be gone on with.
     """
+    for path in work.rglob(".*"):  # of a process that was killed while it wrote
+        if UNFINISHED.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+            path.unlink()
     settle(work)
     with _turn(out.parent):
         old = None

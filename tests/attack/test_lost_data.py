@@ -275,6 +275,15 @@ def test_a_run_is_gone_on_with_from_inside_its_folder(case, whole, tmp_path, mon
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
+def test_what_a_killed_process_was_writing_is_no_part_of_the_result(case, whole, tmp_path):
+    """Half a picture under a name of its own, beside the checkpoint; somebody's own hidden file stays."""
+    work = stopped(case, tmp_path / "a", 0.5)
+    (work / f".{16 * 'a'}.png").write_bytes(b"half")
+    (work / ".mine").write_text("years of work")
+    check_same(resume(tmp_path / "a"), whole)
+    assert [p.name for p in (tmp_path / "a").iterdir() if p.name.startswith(".")] == [".mine"]
+
+
 # --- 5: damaged checkpoints ---------------------------------------------------------------------------
 def damaged(file: Path, rng, kind: str) -> None:
     data = bytearray(file.read_bytes())

@@ -64,6 +64,7 @@ def check_agrees(folder, hidden, test, share, known=""):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quiet")
 def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
     check_agrees(tmp_path, {}, SHORT, 1e-3)

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dgttrf, dgttrs
 from scipy.special import ndtr
 
 from flashtemp.errors import BadInput
@@ -127,14 +127,12 @@ def _advance(held: Value, back: Value, out: Value, on: Value) -> Value:
     moved = -out * held
     moved[:, :-1] += (back * held)[:, 1:]
     moved[:, 1:] += (on * held)[:, :-1]
-    bands = np.zeros((3, m, n))
-    bands[0, :, 1:] = -SDIRK * back[:, 1:]
-    bands[1] = 1.0 + SDIRK * out
-    bands[2, :, :-1] = -SDIRK * on[:, :-1]
-    bands = bands.reshape(3, m * n)
+    before, after = -SDIRK * back, -SDIRK * on
+    before[:, 0], after[:, -1] = 0.0, 0.0  # rows are systems of their own
+    factors = dgttrf(after.ravel()[:-1], (1.0 + SDIRK * out).ravel(), before.ravel()[1:])[:5]
     new = (held + (1.0 - 2.0 * SDIRK) * moved).ravel()
     for _ in range(2):
-        new = solve_banded((1, 1), bands, new)
+        new = dgttrs(*factors, new)[0]
     return new.reshape(m, n)
 
 

@@ -299,8 +299,9 @@ def stopped(number: int) -> Callable:
 
 
 def after_stop(b: Bench, kind: str, place: Path) -> tuple[str, str]:
-    if (place / "a").exists():  # the march was over: pictures alone are missing
-        return "without pictures", "" if (place / "a" / "run.nc").is_file() else "no run.nc"
+    if (place / "a").exists():  # the numbers were there: pictures alone are missing
+        kept = {"run.nc", "sweep.nc", "compare.json", "verdict.json"} & {p.name for p in (place / "a").iterdir()}
+        return "without pictures", "" if kept else "no numbers"
     return after_kill(b, kind, place)
 
 

@@ -243,6 +243,18 @@ def test_parameters_are_told_apart_and_sorted():
     assert sorted([others[1], one]) == [one, others[1]]
 
 
+def test_other_residuals_on_the_same_columns_are_a_system_of_their_own(blocks):
+    rng = np.random.default_rng(11)
+    residuals = {b.label: rng.normal(size=b.count) for b in blocks}
+    anew = System([replace(b, r=residuals[b.label]) for b in blocks])
+    first = System(blocks)
+    before = first.solve(PRIORS)
+    moved, expected = first.shown(residuals).solve(PRIORS), anew.solve(PRIORS)
+    np.testing.assert_allclose(moved.d, expected.d, rtol=1e-12)
+    assert moved.ln_evidence == pytest.approx(expected.ln_evidence, rel=1e-12)
+    np.testing.assert_array_equal(first.solve(PRIORS).d, before.d)
+
+
 def test_equations_add_up_over_blocks(blocks):
     """Those of all fitted blocks are the sum of those of each."""
     system = System(blocks)

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.comparison.noise import Noise, lag_one, noise, structured, whiten
+from flashtemp.comparison.means import Means
+from flashtemp.comparison.noise import Noise, lag_one, noise, structured, unwhiten, whiten
 from flashtemp.discovery.condensing import groups
 
 SHAPE = (12, 30, 80)
@@ -50,6 +51,13 @@ def test_whitened_residuals_are_independent_and_of_unit_variance():
         assert np.mean(raw[:, a] * raw[:, b]) / 0.03**2 == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize("averaged", [None, (1, 2, 5, 20, 50, 50, 7, 3, 9, 4, 30, 2)])
+def test_whitening_can_be_undone(averaged):
+    found, there = Noise(0.05, 0.03, (), averaged), residual(5, masked=0.1)
+    there[3, 10, 20] = np.nan
+    np.testing.assert_allclose(unwhiten(whiten(there, found), found), there, rtol=1e-10, atol=1e-14)
+
+
 @pytest.mark.parametrize("pattern", [0.0, 0.03])
 def test_means_of_frames_say_as_much_as_the_frames(pattern):
     """Of what is even within the groups: products of whitened columns, and the noise estimated."""
@@ -72,12 +80,17 @@ def test_frames_are_taken_together_where_little_changes():
     """The root of the time since an event is, in the mean over a group, that of its middle; no group holds an event."""
     time = np.arange(0.0, 30.0, 0.01)
     starts = groups(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
-    assert len(starts) < 0.12 * len(time)
-    for k, first in enumerate(starts):
-        mine = time[first : (starts + [len(time)])[k + 1]]
-        assert not (mine[0] < 20.0 <= mine[-1])
-        since = mine - (20.0 if mine[0] >= 20.0 else 0.0)
-        assert np.sqrt(since).mean() == pytest.approx(np.sqrt(since.mean()), rel=8e-5)
+    counts = np.diff([*starts, len(time)])
+    assert len(starts) < 0.04 * len(time)
+    mine = np.split(time, starts[1:])
+    assert not any(m[0] < 20.0 <= m[-1] for m in mine)
+    middle, part = np.array([m.mean() for m in mine]), np.array([int(m[0] >= 20.0) for m in mine])
+    means = Means(tuple(counts), tuple(m.std() for m in mine), tuple(part))
+    for rises in (np.sqrt, lambda t: np.sqrt(t) * np.exp(-t / 20.0)):
+        frames = rises(time - 20.0 * (time >= 20.0))
+        true = np.array([f.mean() for f in np.split(frames, starts[1:])])
+        told = means.of(middle, rises(middle - 20.0 * part))
+        np.testing.assert_allclose(told, true, rtol=1e-4)
 
 
 def test_correlation_of_white_noise_is_within_its_error():

@@ -11,6 +11,7 @@ from typing import Any
 from flashtemp.camera import point_tables, recording, synthetic
 from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
+from flashtemp.comparison.means import Means
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
 from flashtemp.model import case_file
@@ -35,7 +36,7 @@ Under = Callable[..., cases.Case]  # the case under overrides
 class View:
     """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame.
 
-    `averaged`: how many of the camera's frames each frame is the mean of, None where it is one of them.
+    `means`: of which of the camera's frames each frame is the mean, None where it is one of them.
     """
 
     file: str
@@ -43,7 +44,7 @@ class View:
     given: dict[str, Any] = field(default_factory=dict)
     sigma_K: float | None = None
     held_out: bool = False
-    averaged: tuple[int, ...] | None = None
+    means: Means | None = None
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,17 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     return out
 
 
+def unwhiten(whitened: np.ndarray, noise: Noise) -> np.ndarray:
+    """Kelvin (frames, nv, nu) of what `whiten` made of it, NaN where that is NaN."""
+    w = noise.weight()
+    known = np.isfinite(whitened)
+    n = (known * w).sum(axis=0)
+    out = whitened * (noise.white / np.sqrt(w))
+    mean = np.sum(out * w, axis=0, where=known) / np.maximum(n, 1)  # of it `whiten` leaves 1 - c
+    out += (np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2) - 1.0) * mean
+    return out
+
+
 def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:
     """Correlation of neighbours along an axis, and in units of its standard error for white noise."""
     count, product, kept, power = 0, 0.0, 0, 0.0

@@ -12,10 +12,9 @@ from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.laboratory import found
-from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, residual
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, change, residual
 from flashtemp.discovery.nuisances import plain
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
-from flashtemp.discovery.prediction import Observable
 from flashtemp.discovery.scores import Score, Separability, separability
 from flashtemp.discovery.search import MOST
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search
@@ -136,28 +135,23 @@ def seen(search: Search, fit: Fit) -> tuple[tuple[Seeing, ...], tuple[Pulling, .
         for view in condition.views:
             observable = prediction.observables[view.file]
             predicted = np.array(observable.values, dtype=float)
-            predicted[:, observable.inside] += _change(search.data, fit, blocks[view.file], observable)
+            predicted[:, observable.inside] += _change(search.data, fit, blocks[view.file])
             left = np.where(observable.inside, view.recording.temperature - predicted, np.nan)
             u, v = (_sd(fit.solution, ParameterId(axis, file=view.file)) for axis in SHIFTS)
             noise, shift = search.data.noises[view.file], fit.model.shift(view.file)
             seeings[view.file] = judge(view, predicted, left, noise, shift, (u, v))
         for force in condition.forces:
             observable = prediction.observables[force.file]
-            predicted = observable.values + _change(search.data, fit, blocks[force.file], observable)
+            predicted = observable.values + _change(search.data, fit, blocks[force.file])
             left = np.where(observable.inside, np.array(force.mu) - predicted, np.nan)
             pullings[force.file] = judge_pull(force, predicted, left)
     campaign = search.problem.campaign
     return tuple(seeings[v.file] for v in campaign.views), tuple(pullings[f.file] for f in campaign.forces)
 
 
-def _change(data: Data, fit: Fit, block: Block, observable: Observable) -> Array:
+def _change(data: Data, fit: Fit, block: Block) -> Array:
     """What the fit adds to an observable, (frames, pixels inside) or (n,)."""
-    found, steps = fit.solution.as_dict(), dict[int, float]()
-    for p, column in block.names:
-        steps[column] = steps.get(column, 0.0) + found.get(p, 0.0)
-    fixed = data.fixed[block.label]
-    columns = [v for p, v in observable.columns.items() if p not in fixed] + list(fixed.values())
-    return sum((step * columns[i].astype(float) for i, step in steps.items() if step), np.zeros(()))
+    return data.kelvin(block.label, change(block, fit.solution))
 
 
 def _sd(solution: Solution, p: ParameterId) -> float:

@@ -12,7 +12,7 @@ from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
 from flashtemp.discovery.parameters import PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.problem import Problem, checked
 from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
@@ -157,11 +157,13 @@ class Descent:
         """Linearise at the present point and move to where it points; after a loss, back to the best point and on from
         there by a shorter and more cautious step."""
         if self.fit is not None and not self.bent:
-            kept = [now.with_traces(old) for now, old in zip(predictions, self.fit.predictions, strict=True)]
-            predictions = [p for p in kept if p is not None]
-            if len(predictions) < len(kept):  # pixels came in or went out
-                return replace(self, bent=True, tried=self.tried + 1)
-        system = System(self.data.blocks(predictions))
+            system = self.fit.system.shown(self.data.residuals(predictions))
+        else:
+            system = System(self.data.blocks(predictions))
+        return self.linearised(system, [p.bare for p in predictions])
+
+    def linearised(self, system: System, predictions: Sequence[Prediction]) -> Descent:
+        """The next state from the columns at the present point."""
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
         value, chi2 = _standing(system, found.priors, list(steps))
@@ -301,12 +303,13 @@ def advance(problem: Problem, descents: Sequence[Descent]) -> list[Descent]:
     out = []
     for d, tasks in zip(descents, asked, strict=True):
         own = [next(answers) for _ in tasks]
-        faults = [a for a in own if isinstance(a, FlashtempError)]
-        made = [a for a in own if isinstance(a, Prediction)]
-        if faults and d.best is not None and d.back <= BACK:
-            out.append(d.retreat(d.best.fit))
-        else:
-            out.append(replace(d, failed=str(faults[0])) if faults else d.take(made))
+        try:
+            out.append(d.take([checked(a) for a in own]))
+        except FlashtempError as fault:
+            if d.best is None or d.back > BACK:
+                out.append(replace(d, failed=str(fault)))
+            else:
+                out.append(d.retreat(d.best.fit))
     return out
 
 

@@ -8,17 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Campaign, View
+from flashtemp.comparison.means import Means
 from flashtemp.model.case import Case
 
 MOST = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
-SHARE = 0.05  # of the time to the nearest event: the mean of sqrt(t) is then that of its middle to 8e-5
+SHARE = 0.2  # of the time to the nearest event: sqrt(t) is then near enough to a parabola, to 1e-4
 
 
 def condensed(campaign: Campaign) -> Campaign:
     """The campaign with means of neighbouring frames where its recordings hold more than MOST pixels.
 
-    The rise after an event goes as the root of the time since, so means over a share of that time are as good as
-    frames taken in their middle; white noise falls with the root of their number (`View.averaged`).
+    The rise after an event goes as the root of the time since, so over a share of that time a parabola says what the
+    mean is (`Means`); white noise falls with the root of their number.
     """
     if sum(v.recording.temperature.size for v in campaign.views) <= MOST:
         return campaign
@@ -27,14 +28,16 @@ def condensed(campaign: Campaign) -> Campaign:
 
 def _condensed(view: View, case: Case) -> View:
     r = view.recording
-    starts = groups(
-        r.time, r.repetition, np.array([p.begin for p in case.scene.schedule.phases]), case.scene.schedule.end
-    )
+    begins = np.array([p.begin for p in case.scene.schedule.phases])
+    starts = groups(r.time, r.repetition, begins, case.scene.schedule.end)
     counts = np.diff([*starts, r.frames])
     means = np.stack([r.temperature[i : i + n].mean(axis=0) for i, n in zip(starts, counts, strict=True)])
     time = np.add.reduceat(r.time, starts) / counts
+    spread = np.sqrt(np.add.reduceat((r.time - np.repeat(time, counts)) ** 2, starts) / counts)
+    part = np.searchsorted(begins, time, side="right")
     short = replace(r, temperature=means, time=time, repetition=r.repetition[starts])
-    return replace(view, recording=short, averaged=tuple(map(int, counts)))
+    over = Means(tuple(map(int, counts)), tuple(map(float, spread)), tuple(map(int, part)))
+    return replace(view, recording=short, means=over)
 
 
 def groups(

@@ -6,8 +6,9 @@ only the products of C and r are kept, so that any choice of columns, priors and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -112,16 +113,22 @@ class System:
         self.index = {n: i for i, n in enumerate(self.names)}
         self.parts = [self._products(b) for b in self.blocks]
 
+    def shown(self, residuals: Mapping[str, Array]) -> System:
+        """The same columns with other residuals, by label."""
+        out = copy(self)
+        out.blocks = [replace(b, r=residuals[b.label]) for b in self.blocks]
+        out.parts = [replace(p, equations=_moved(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
+        return out
+
     def _products(self, block: Block) -> BlockEquations:
         C, F, k = block.C, block.F, block.C.shape[1]
         G = np.empty((k + F.shape[1],) * 2)
         G[:k, :k], G[k:, k:] = products(C, C), block.FF
         G[k:, :k] = products(F, C)
         G[:k, k:] = G[k:, :k].T
-        g = np.concatenate([products(C, block.r), products(F, block.r)])
         at = np.array([self.index[n] for n, _ in block.names], dtype=int)
         col = np.array([c for _, c in block.names], dtype=int)
-        return BlockEquations(at, NormalEquations(G[np.ix_(col, col)], g[col], float(block.r @ block.r), block.count))
+        return BlockEquations(at, _moved(NormalEquations(G[np.ix_(col, col)], np.empty(0), 0.0, block.count), block))
 
     def total(self, keep: Callable[[Block], bool] | None = None) -> NormalEquations:
         """Those of the blocks for which keep(block) holds, of those fitted by default."""
@@ -183,15 +190,27 @@ class System:
         return Projection(u, raw - cross.T @ solved, np.diag(raw))
 
 
-def residual(block: Block, solution: Solution) -> Array:
-    """What is left of a block's data (n,), in sigma."""
+def _moved(equations: NormalEquations, block: Block) -> NormalEquations:
+    """Normal equations with the residual that a block has now."""
+    g = np.concatenate([products(block.C, block.r), products(block.F, block.r)])
+    col = np.array([c for _, c in block.names], dtype=int)
+    return replace(equations, right=g[col], square=float(block.r @ block.r))
+
+
+def change(block: Block, solution: Solution) -> Array:
+    """What a solution adds to a block's prediction (n,), in sigma."""
     found = solution.as_dict()
     k = block.C.shape[1]
     d = np.zeros(k + block.F.shape[1])
     for name, column in block.names:
         d[column] += found.get(name, 0.0)
-    left = block.r.copy()
-    for first in range(0, len(left), ROWS):
+    out = np.empty(block.count)
+    for first in range(0, len(out), ROWS):
         part = slice(first, first + ROWS)
-        left[part] -= block.C[part] @ d[:k] + block.F[part] @ d[k:]
-    return left
+        out[part] = block.C[part] @ d[:k] + block.F[part] @ d[k:]
+    return out
+
+
+def residual(block: Block, solution: Solution) -> Array:
+    """What is left of a block's data (n,), in sigma."""
+    return block.r - change(block, solution)

@@ -87,8 +87,13 @@ class _Alone:
 
 
 def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, str, float]]:
-    """Every image turned over: its file, the way in words, and the ln Bayes factor of it alone; pixels keep places."""
-    told = {b.label: _alone(problem, b, fit.model) for b in fit.blocks}
+    """Every image turned over: its file, the way in words, and the ln Bayes factor of it alone; pixels keep places.
+
+    Raises SolverFailure.
+    """
+    everything = Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
+    predictions = problem.predictions(problem.tasks(fit.model, everything))
+    told = {b.label: _alone(problem, b, fit.model) for b in _begun(problem, data, predictions)}
     for words, axes in WAYS.items():
         views = [
             replace(v, recording=replace(v.recording, temperature=np.flip(v.recording.temperature, axes)))
@@ -97,10 +102,15 @@ def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, st
         ]
         flipped = with_views(problem, views)
         files = {v.file for v in views}
-        for block in replace(data, problem=flipped).blocks(fit.predictions):
+        for block in _begun(flipped, data, predictions):
             if block.label in files:
                 gain = _alone(problem, block, fit.model).ln_evidence - told[block.label].ln_evidence
                 yield block.label, words, gain
+
+
+def _begun(problem: Problem, data: Data, predictions: Sequence[Prediction]) -> list[Block]:
+    """Blocks of other images with the noise that is known: what of them is compared may differ."""
+    return Data.begin(problem, predictions, noises=data.noises).blocks(predictions)
 
 
 def _alone(problem: Problem, block: Block, model: Model) -> _Alone:
@@ -130,6 +140,5 @@ def _other_way(problem: Problem, data: Data, number: int, view: View) -> _Alone 
     [made] = problem.run(only.tasks(problem.start, wanted))
     if isinstance(made, FlashtempError):
         return None
-    known = Data.begin(only, [made], noises={view.file: data.noises[view.file]})
-    [block] = known.blocks([made])
+    [block] = _begun(only, data, [made])
     return _alone(only, block, only.start)

@@ -91,12 +91,10 @@ class Prediction:
     run: Run
     steps: dict[ParameterId, float]
 
-    def with_traces(self, old: Prediction) -> Prediction | None:
-        """The same with the columns of a prediction near by; None where not the same pixels are compared."""
-        if any(not np.array_equal(o.inside, old.observables[f].inside) for f, o in self.observables.items()):
-            return None
-        shown = {f: replace(o, columns=old.observables[f].columns) for f, o in self.observables.items()}
-        return replace(self, observables=shown, steps=old.steps)
+    @property
+    def bare(self) -> Prediction:
+        """The same without columns, which blocks hold whitened."""
+        return replace(self, observables={f: replace(o, columns={}) for f, o in self.observables.items()})
 
 
 @dataclass(frozen=True)
@@ -221,26 +219,33 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
         shift: Any = shift, change: Any = 0.0,
     ) -> Array:  # fmt: skip
-        return observe(run, scene, recording, acting, shift, change, place, kept).temperature
+        T = observe(run, scene, recording, acting, shift, change, place, kept).temperature
+        return T if view.means is None else view.means.of(recording.time, T)
 
-    seen = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept)
-    columns: Columns = {}
+    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept)
+    seen = now if view.means is None else replace(now, temperature=view.means.of(recording.time, now.temperature))
+    columns: dict[ParameterId, Single] = {}
+
+    def keep(name: ParameterId, change: Array) -> None:
+        columns[name] = packed(change, seen.inside)  # at once: all of them in double precision would be much memory
+
     level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
-        columns[name] = (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step
+        keep(name, (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step)
     for c in asked.candidates:
         if c.optical:
             for k, a in c.strengths.items():
-                columns[c.column(k)] = _optical(point, see, c, k, a, seen.temperature)
+                keep(c.column(k), _optical(point, see, c, k, a, seen.temperature))
     for p in asked.own:
         if p.kind is Kind.EFFECT and p not in columns:
-            columns[p] = _refined(point, see, p, seen.temperature)
+            keep(p, _refined(point, see, p, seen.temperature))
     if asked.optics:
-        columns |= _optics(see, recording, shift, scene.length)
+        for name, change in _optics(see, recording, shift, scene.length).items():
+            keep(name, change)
     if asked.laboratory:
         earlier = see(recording=replace(recording, time=recording.time - LAG))
-        columns[ParameterId(Kind.CLOCK)] = (earlier - seen.temperature) / LAG
-    return Observable(seen.temperature, seen.inside, {k: packed(v, seen.inside) for k, v in columns.items()})
+        keep(ParameterId(Kind.CLOCK), (earlier - seen.temperature) / LAG)
+    return Observable(seen.temperature, seen.inside, columns)
 
 
 def packed(values: Array, inside: npt.NDArray[np.bool_]) -> Single:

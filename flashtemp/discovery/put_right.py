@@ -36,7 +36,8 @@ def _loosened(search: Search, error: LabError, watch: Watch) -> Search:
     watch(f"fitting: {error.words}")
     fits = {}
     for names, fit in search.fits.items():
-        again = Descent(problem, data, fit.model, tuple(held(problem, fit.model))).take(fit.predictions).fit
+        descent = Descent(problem, data, fit.model, tuple(held(problem, fit.model)))
+        again = descent.linearised(fit.system, fit.predictions).fit
         assert again is not None  # a first step never goes back
         fits[names] = again
     search = replace(search, problem=problem, data=data, fits=fits, laboratory=(*search.laboratory, error))

@@ -111,7 +111,9 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         first = problem.predictions(problem.tasks(model, everything))
     coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
     data = Data.begin(problem, first, coarse)
-    [end] = descend(problem, [Descent(problem, data, model).take(first)], watch, HOPELESS)
+    begun = Descent(problem, data, model).take(first)
+    del first, coarse  # columns of all pixels
+    [end] = descend(problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)
     return Calibrated(problem, data, end.fit, refused, mirrored)

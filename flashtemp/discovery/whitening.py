@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,36 +11,43 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import levels, scatter
-from flashtemp.comparison.noise import Noise, noise, whiten
+from flashtemp.comparison.noise import Noise, noise, unwhiten, whiten
 from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.linear_gaussian import Array, Block, products
 from flashtemp.discovery.nuisances import smooth_images
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Prediction, Single, packed
 from flashtemp.discovery.problem import Problem
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, SolverFailure
 
 # small, or of unknown shape: their first traces serve all fits
 FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND, Kind.SIZE, Kind.CLOCK)
 SHARED = (*PLACED, Kind.CLOCK)  # errors that all recordings of a view may have alike
 ANCHOR = "friction.mu"  # the free key that a condition may have a level of its own for
 
-White = Callable[[npt.NDArray[Any]], Array]
+
+@dataclass(frozen=True)
+class Fixed:
+    """Whitened columns `F` (n, f) of some `names`, and their products `FF` (f, f)."""
+
+    names: tuple[ParameterId, ...]
+    F: Single
+    FF: Array
 
 
 @dataclass(frozen=True)
 class Data:
     """What is kept from the first predictions, so that all hypotheses are compared alike.
 
-    `noises` of recordings and `sigmas` of load-cell traces by file; `fixed` columns by file, whitened once as `shared`
-    with their products.
+    `noises` of recordings and `sigmas` of load-cell traces by file; `known` what of them is compared, `fixed` columns
+    that stay as they are, whitened.
     """
 
     problem: Problem
     noises: dict[str, Noise]
     sigmas: dict[str, float]
-    fixed: dict[str, dict[ParameterId, npt.NDArray[Any]]]
-    shared: dict[str, tuple[Single, Array]]
+    known: dict[str, npt.NDArray[np.bool_]]
+    fixed: dict[str, Fixed]
 
     @classmethod
     def begin(
@@ -51,7 +58,7 @@ class Data:
 
         What `noises` does not give is what a campaign states or, last, what the data show.  Raises BadInput.
         """
-        known, sigmas, fixed = dict(noises or {}), {}, {}
+        data = cls(problem, dict(noises or {}), {}, {}, {})
         for condition, fine, *rough in zip(problem.conditions, first, *coarse, strict=True):
             for entry in condition.entries:
                 seen = fine.observables[entry.file]
@@ -59,21 +66,16 @@ class Data:
                 own |= _mesh(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, View):
                     own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
-                    if entry.file not in known:
-                        known[entry.file] = _noise(entry, seen)
+                    data.known[entry.file] = np.isfinite(_left(entry, seen)[:, seen.inside])
+                    if entry.file not in data.noises:
+                        data.noises[entry.file] = _noise(entry, seen)
                 else:
                     own[ParameterId(Kind.CELL)] = seen.values
-                    sigmas[entry.file] = entry.sigma or scatter((np.array(entry.mu) - seen.values)[_good(seen)])
-                fixed[entry.file] = own
-        data = cls(problem, known, sigmas, fixed, {})
-        return replace(data, shared=dict(data._first(first)))
-
-    def _first(self, first: Sequence[Prediction]) -> Iterator[tuple[str, tuple[Single, Array]]]:
-        """The fixed columns whitened, with their products, by file."""
-        for condition, prediction in zip(self.problem.conditions, first, strict=True):
-            for entry in condition.entries:
-                r, white = self._whitened(entry, prediction.observables[entry.file])
-                yield entry.file, _products(self.fixed[entry.file], white, len(r))
+                    good = data.known[entry.file] = seen.inside & np.isfinite(seen.values)
+                    data.sigmas[entry.file] = entry.sigma or scatter((np.array(entry.mu) - seen.values)[good])
+                F = data._stack(entry, own)
+                data.fixed[entry.file] = Fixed(tuple(own), F, products(F, F))
+        return data
 
     def blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[Block]:
         """One block per recording and trace; conditions are numbered from `first`."""
@@ -84,14 +86,32 @@ class Data:
         ]
 
     def _block(self, number: int, entry: View | Force, seen: Observable) -> Block:
-        r, white = self._whitened(entry, seen)
         fixed = self.fixed[entry.file]
-        F, FF = self.shared[entry.file]
-        if len(F) != len(r):  # what may be compared has changed
-            F, FF = _products(fixed, white, len(r))
-        own = {p: v for p, v in seen.columns.items() if p not in fixed}
-        C = _stack(own, white, len(r))
-        return Block(entry.file, number, entry.held_out, r, C, self._names([*own, *fixed], number, entry), F, FF)
+        own = {p: v for p, v in seen.columns.items() if p not in fixed.names}
+        names = self._names([*own, *fixed.names], number, entry)
+        r, C = self._residual(entry, seen), self._stack(entry, own)
+        return Block(entry.file, number, entry.held_out, r, C, names, fixed.F, fixed.FF)
+
+    def residuals(self, predictions: Sequence[Prediction]) -> dict[str, Array]:
+        """Measured less predicted (n,) in sigma, by file.  Raises SolverFailure."""
+        return {
+            entry.file: self._residual(entry, prediction.observables[entry.file])
+            for c, prediction in zip(self.problem.conditions, predictions, strict=True)
+            for entry in c.entries
+        }
+
+    def kelvin(self, file: str, whitened: Array) -> Array:
+        """What is whitened (n,), as it was: of a recording (frames, pixels inside) K, of a trace (n,) friction; 0 where
+        nothing is compared."""
+        known = self.known[file]
+        out = np.zeros(known.shape)
+        if file in self.sigmas:
+            out[known] = self.sigmas[file] * whitened
+            return out
+        spread = np.full(known.shape, np.nan)
+        spread[known] = whitened
+        out[known] = unwhiten(spread[:, None], self.noises[file])[:, 0][known]
+        return out
 
     def _names(
         self, columns: list[ParameterId], number: int, entry: View | Force
@@ -108,24 +128,26 @@ class Data:
                 out.append((ParameterId(Kind.FLUX, p.index, condition=number), i))
         return tuple(out)
 
-    def _whitened(self, entry: View | Force, seen: Observable) -> tuple[Array, White]:
-        """The residual (n,) in sigma, and what does the same to a column of the observable."""
+    def _residual(self, entry: View | Force, seen: Observable) -> Array:
+        """Measured less predicted (n,) in sigma.  Raises SolverFailure where nothing is predicted any more."""
+        left = _left(entry, seen)[:, seen.inside] if isinstance(entry, View) else np.array(entry.mu) - seen.values
+        if left.shape != self.known[entry.file].shape or not np.isfinite(left[self.known[entry.file]]).all():
+            raise SolverFailure(f"{entry.file}: the model no longer predicts all that was measured")
+        return self._white(entry, left)
+
+    def _white(self, entry: View | Force, values: npt.NDArray[Any]) -> Array:
+        """What belongs to an observable, (frames, pixels inside) K or (n,), in sigma (n,)."""
+        known = self.known[entry.file]
         if isinstance(entry, Force):
-            good, sigma = _good(seen), self.sigmas[entry.file]
-            left = (np.array(entry.mu) - seen.values)[good]
-            return left / sigma, lambda values: np.asarray(values, float)[good] / sigma
-        images, noise = _left(entry, seen)[:, seen.inside], self.noises[entry.file]
-        known = np.isfinite(images)
+            return np.asarray(values, float)[known] / self.sigmas[entry.file]
+        return whiten(np.where(known, values, np.nan)[:, None], self.noises[entry.file])[:, 0][known]
 
-        def white(values: npt.NDArray[Any]) -> Array:
-            return whiten(np.where(known, values, np.nan)[:, None], noise)[:, 0][known]
-
-        return white(images), white
-
-
-def _good(seen: Observable) -> npt.NDArray[np.bool_]:
-    """Which readings of a load cell can be compared."""
-    return seen.inside & np.isfinite(seen.values)
+    def _stack(self, entry: View | Force, columns: Mapping[ParameterId, npt.NDArray[Any]]) -> Single:
+        """The columns (n, k) whitened, one after the other: two at once would be much memory."""
+        out = np.empty((np.count_nonzero(self.known[entry.file]), len(columns)), np.float32, order="F")
+        for k, values in enumerate(columns.values()):
+            out[:, k] = self._white(entry, values)
+        return out
 
 
 def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.NDArray[Any]]:
@@ -139,7 +161,7 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
 
 def _noise(view: View, seen: Observable) -> Noise:
     """The noise of a recording, stated or estimated."""
-    return noise(_left(view, seen), *levels(view), view.averaged)
+    return noise(_left(view, seen), *levels(view), view.means.frames if view.means else None)
 
 
 def _left(view: View, seen: Observable) -> Array:
@@ -150,16 +172,3 @@ def _left(view: View, seen: Observable) -> Array:
             f"{view.file}: no pixel of it lies on the block or the road, clear of their edges; check u, v and view"
         )
     return left
-
-
-def _products(columns: dict[ParameterId, npt.NDArray[Any]], white: White, n: int) -> tuple[Single, Array]:
-    F = _stack(columns, white, n)
-    return F, products(F, F)
-
-
-def _stack(columns: Mapping[ParameterId, npt.NDArray[Any]], white: White, n: int) -> Single:
-    """The columns (n, k) whitened, one after the other: two at once would be much memory."""
-    out = np.empty((n, len(columns)), np.float32, order="F")
-    for k, values in enumerate(columns.values()):
-        out[:, k] = white(values)
-    return out

@@ -147,8 +147,8 @@ class Curve:
         self.asked, self.noise = [], noise
 
     def blocks(self, predictions):
-        [model] = predictions
-        now = model.effects["camera_offset"]["offset"]
+        [shown] = predictions
+        now = shown.model.effects["camera_offset"]["offset"]
         self.asked.append(now)
         left, p = now - 0.5, ParameterId.of_effect("camera_offset", "offset")
         wobble = self.noise * (-1.0) ** len(self.asked)
@@ -166,7 +166,7 @@ def descended(curve, tmp_path, start):
     problem = SimpleNamespace(case=case, priors={}, free=(), campaign=nothing, loose=frozenset())
     now = Descent(problem, curve, Model({}, {"camera_offset": {"offset": start, "drift": 0.0}}), (offset,), rough=False)
     while not now.done:
-        now = now.take([now.model])
+        now = now.take([SimpleNamespace(model=now.model, bare=None)])
     return now
 
 

@@ -182,6 +182,76 @@ def test_a_recording_of_points_survives_its_file(tmp_path):
     assert "2 points" in str(read)
 
 
+def logged(folder, text, places="column,name,x,z\n2,inner,0.01,0.002\n3,outer,0.02,-0.001\n"):
+    (folder / "log.csv").write_text(text)
+    (folder / "places.csv").write_text(places)
+    return {"view": "points", "places": folder / "places.csv", "repetition": 1}
+
+
+def test_a_table_of_a_logger_is_imported(tmp_path):
+    """Decimal commas, a header, date and time; columns in any order and one that is not a thermocouple's."""
+    text = "Datum;T1;T2;Volt\n" + "".join(f"2024-05-31 12:00:{s:02d};{20 + s},5;{30 + s},25;0,1\n" for s in range(12))
+    places = "name,column,z,x,lag_s\nouter,3,-0.001,0.02,0.5\ninner,2,0.002,0.01,0\n"
+    told = logged(tmp_path, text, places)
+    found = flashtemp.import_recording(
+        tmp_path / "log.csv", out=tmp_path / "log.nc", zero="2024-05-31T12:00:02", unit="degC", **told
+    )
+    back = recording.load(tmp_path / "log.nc")
+    np.testing.assert_allclose(back.time, np.arange(12) - 2.0)
+    np.testing.assert_allclose(back.temperature[:, 0, 0], 30.25 + np.arange(12))
+    np.testing.assert_allclose(back.temperature[:, 0, 1], 20.5 + np.arange(12))
+    assert back.places.names == ("outer", "inner")
+    assert back.places.lag_s.tolist() == [0.5, 0.0]
+    assert found.picture is not None
+    assert found.picture.stat().st_size > 10_000
+
+
+def test_a_table_without_times_takes_the_rate(tmp_path):
+    """Column 1 is the time unless a thermocouple is in it."""
+    told = logged(tmp_path, "20.0\t30.0\n21.0\t31.0\n22.0\t32.0\n", "name,x,z,column\na,0.01,0.002,1\nb,0.02,0.002,2\n")
+    with pytest.raises(BadInput, match="give --fps"):
+        flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
+    found = flashtemp.import_recording(tmp_path / "log.csv", start=-0.5, fps=2.0, **told)
+    assert found.recording.time.tolist() == [-0.5, 0.0, 0.5]
+    assert found.recording.temperature[:, 0, 1].tolist() == [30.0, 31.0, 32.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "said"),
+    [
+        ("0,20,30\n1,21,31\n2,22,32\n", {"places": None}, "places: missing; where the thermocouples sit"),
+        ("0,20,30\n1,21,31\n2,22,32\n", {"emissivity": 0.9}, "--emissivity: belongs to images"),
+        ("0,20,30\n1,21,31\n1,22,32\n", {}, "time goes from 1 to 1 s"),
+        ("0;20\n1;21\n2;22\n", {}, "2 columns, but a thermocouple is in column 3"),
+        ("0,20,30\n1,2O.1,31\n2,22,32\n", {}, "'2O.1' in column 2 is no number"),
+        ("0,20,30\nx,21,31\n2,22,32\n", {}, "'x' in column 1 is no time"),
+        ("0,20,30\n1,21,31\n2,22,32\n", {"view": "wake"}, "places: belong to thermocouples"),
+    ],
+)
+def test_a_logger_table_that_cannot_be_read_is_told(tmp_path, text, changes, said):
+    told = logged(tmp_path, text) | changes
+    with pytest.raises(BadInput, match=said):
+        flashtemp.import_recording(tmp_path / "log.csv", **told)
+
+
+@pytest.mark.parametrize(
+    ("places", "said"),
+    [
+        ("", "nothing in it|no text"),
+        ("x,z\n", "no thermocouple in it"),
+        ("x,depth\n0.01,0.002\n", "'depth': unknown column"),
+        ("x,z\n0.01\n", "1 values for 2 names"),
+        ("x,z\n0.01,deep\n", "z: 'deep'; give a number"),
+        ("column,z\n2,0.002\n2,0.003\n", "column: 2; give each its own"),
+        ("x\n0.01\n", "z: missing"),
+    ],
+)
+def test_places_that_cannot_be_read_are_told(tmp_path, places, said):
+    told = logged(tmp_path, "0,20,30\n1,21,31\n2,22,32\n", places)
+    with pytest.raises(BadInput, match=said):
+        flashtemp.import_recording(tmp_path / "log.csv", **told)
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from flashtemp.viz import theme
 from flashtemp.viz.residuals import BAND, COMPUTED, MEASURED, SURE, against, figure, plain
@@ -28,6 +29,33 @@ def picture(seeing) -> Figure:
     above.legend(title="dots measured, lines computed", ncols=3)
     below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
     fig.supxlabel("blue band: noise of one reading alone, two standard deviations", fontsize=7.5)
+    return fig
+
+
+@theme.styled
+def measured(recording, block=None) -> Figure:
+    """Temperatures (degC) of a recording of points over time (s), and where they sit (mm); `block` (length, height in
+    m) is drawn where it is known."""
+    fig = Figure(figsize=(WIDTH, 3.6), layout="constrained", facecolor="white")
+    fig.suptitle(plain(recording.source or "thermocouples"), x=0.01, ha="left")
+    left, right = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
+    places, many = recording.places, range(min(len(recording.places), MANY))
+    for j in many:
+        colour = COLOURS[j % len(COLOURS)]
+        dashes = "-" if j < len(COLOURS) else "--"
+        left.plot(
+            recording.time, recording.temperature[:, 0, j], dashes, color=colour, lw=0.9, label=plain(places.names[j])
+        )
+        at = 1e3 * places.x[j], 1e3 * places.z[j]
+        right.plot(*at, "o", color=colour, mfc=colour if dashes == "-" else "white")
+        right.annotate(plain(places.names[j]), at, (3, 3), textcoords="offset points", fontsize=7)
+    if block is not None:
+        right.add_patch(Rectangle((0, 0), 1e3 * block[0], 1e3 * block[1], fill=False, ec=theme.AMBIENT, lw=1.2))
+    right.axhline(0.0, color=theme.AMBIENT, lw=0.8, ls="--")
+    right.margins(0.15)
+    left.set(xlabel="time from the first start of sliding (s)", ylabel=f"temperature ({theme.DEGREE})")
+    right.set(xlabel="x from the leading edge (mm)", ylabel="z above the face (mm)")
+    left.legend(ncols=2 if len(many) > 4 else 1)
     return fig
 
 

@@ -61,11 +61,12 @@ def _facts(said: dict[str, Any]) -> Facts:
 
 def _picture(result: Imported, target: Path) -> Path | None:
     """The registration picture beside the recording; a profile or a single row of pixels has none."""
-    if result.recording.view == "profile" or min(len(result.recording.u), len(result.recording.v)) < 2:
+    recording = result.recording
+    if recording.places is None and (recording.view == "profile" or min(len(recording.u), len(recording.v)) < 2):
         return None
-    from flashtemp.viz import theme
-    from flashtemp.viz.registration import draw
+    from flashtemp.viz import point_series, registration, theme
 
+    draw = registration.draw if recording.places is None else point_series.measured
     picture = target.with_suffix(".png")
-    theme.save(draw(result.recording, result.block), picture)
+    theme.save(draw(recording, result.block), picture)
     return picture

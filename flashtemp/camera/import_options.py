@@ -10,7 +10,7 @@ from flashtemp.errors import BadInput, nearest
 from flashtemp.model.case_file import read_toml
 
 CHOICES = {
-    "view": ("sidewall", "wake", "profile"),
+    "view": ("sidewall", "wake", "profile", "points"),
     "downstream": ("right", "left", "up", "down"),
     "up": ("up", "down", "left", "right"),
     "unit": ("degC", "K", "mK", "degF"),
@@ -27,7 +27,10 @@ class Facts:
     Parameters
     ----------
     view
-        What is seen: sidewall (u = x, v = z), wake (road behind the block, v = y) or profile (block surface along x).
+        What is seen: sidewall (u = x, v = z), wake (road behind the block, v = y), profile (block surface along x) or
+        points (thermocouples).
+    places
+        CSV file of thermocouples: column in the logger's table, name, x, y, z (m), lag_s, place_sigma_m.
     downstream
         Where u points in the image: downstream, from the leading edge to the trailing edge.
     up
@@ -116,7 +119,8 @@ class Facts:
         How well the origin is known, pixels.
     """
 
-    view: Literal["sidewall", "wake", "profile"] | None = None
+    view: Literal["sidewall", "wake", "profile", "points"] | None = None
+    places: Path | None = None
     downstream: Direction | None = None
     up: Direction | None = None
     pixel: tuple[float, float] | None = None
@@ -178,7 +182,7 @@ EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a 
         "#at": "[0.0, 0.0]", "#second": "[137.0, 200.0, 25.0, 0.0]",
         "#point": "[[12, 200, 0, 0], [137, 200, 25, 0], [137, 150, 25, 10], [12, 150, 0, 10]]",
         "#crop": "[0.0, 25.0, 0.2, 10.0]", "#block": "[25.0, 10.0]", "#mask_box": "[[0, 0, 30, 20]]",
-        "#mask": '"mask.csv"', "#dead_pixels": '"find"',
+        "#mask": '"mask.csv"', "#dead_pixels": '"find"', "#places": '"places.csv"',
     },
     "the time": {
         "start": "0.0", "repetition": "1", "#zero": '"2024-05-31T12:00:03.25"', "#fps": "30.0", "#times": '"times.csv"',

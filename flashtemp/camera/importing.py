@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import files, geometry, timing
+from flashtemp.camera import files, geometry, logger_tables, timing
 from flashtemp.camera.import_options import Facts, option
 from flashtemp.camera.masks import masked
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
@@ -84,7 +84,14 @@ def recorded(
     Files are read a few frames at a time; where the images together are many they lie in a file in `folder`.
     """
     _sane(facts)
-    names = _thinned(names, facts)
+    if facts.view == "points":
+        return Imported(*logger_tables.recorded(names, facts), tuple(names), _block(facts))
+    if facts.places is not None:
+        raise BadInput("places: belong to thermocouples; give --view points with them")
+    return _of_images(_thinned(names, facts), facts, told, folder)
+
+
+def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], folder: Path | None) -> Imported:
     seen: list[tuple[Path, timing.Stamps]] = []
     stack, notes, outside = Stack(folder), [], 0
     first: tuple[Path, Frames] | None = None
@@ -177,7 +184,7 @@ def _ask(path: Path, frames: Frames, facts: Facts, whole: bool) -> None:
 def _view(frames: Frames, facts: Facts) -> str:
     view = facts.view or frames.view
     if view is None:
-        raise BadInput("view: missing; give --view sidewall, wake or profile")
+        raise BadInput("view: missing; give --view sidewall, wake, profile or points")
     return view
 
 

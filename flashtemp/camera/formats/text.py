@@ -72,6 +72,12 @@ def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=No
     )
 
 
+def table(text: str, decimal: str | None) -> tuple[list[list[str]], str | None, bool]:
+    """Rows of cells of a table under any header, what stands between them, and whether commas are decimal."""
+    _, rows, separator, comma = _sniffed(bounded_reading.lines(text, "line"), decimal, text[-1] in "\r\n")
+    return rows, separator, comma
+
+
 def decoded(data: bytes) -> str:
     """Text in whatever encoding an export uses; a byte order mark is taken off."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):

@@ -27,8 +27,7 @@ class Facts:
     Parameters
     ----------
     view
-        What is seen: sidewall (u = x, v = z), wake (road behind the block, v = y), profile (block surface along x) or
-        points (thermocouples).
+        Side wall (u = x, v = z), wake (road behind the block, v = y), profile (block surface along x), thermocouples.
     places
         CSV file of thermocouples: column in the logger's table, name, x, y, z (m), lag_s, place_sigma_m.
     downstream

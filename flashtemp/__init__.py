@@ -12,7 +12,7 @@ _PUBLIC = {
     "api.drawing": ["draw"],
     "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
     "api.studies": ["sweep", "converge", "repetitions", "wait", "sensitivity"],
-    "api.camera": ["import_recording", "recording_template"],
+    "api.camera": ["import_recording", "look", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
     "api.friction": ["area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
@@ -25,14 +25,14 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "area", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "open_campaign",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "look", "open_campaign",
     "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
     "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
 ]  # fmt: skip
 
 if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp import physics
-    from flashtemp.api.camera import import_recording, recording_template
+    from flashtemp.api.camera import import_recording, look, recording_template
     from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
     from flashtemp.api.drawing import draw
     from flashtemp.api.effects import check_effect, effects

@@ -20,7 +20,7 @@ from flashtemp.showing import MOST, Sheet, Shown
 ROOT = Path(__file__).parents[1]
 CALL = {"run": "simulate", "import": "import_recording"}  # the others are called as the command
 ELSEWHERE = {  # options of commands whose place in Python is another: (command, option): call
-    ("run", "resume"): "resume", ("import", "template"): "recording_template",
+    ("run", "resume"): "resume", ("import", "template"): "recording_template", ("import", "look"): "look",
     ("spots", "synthetic"): "spots",  # no file
     ("effects", "check"): "check_effect", ("effects", "values"): "check_effect",
     ("friction", "area"): "area",
@@ -112,6 +112,7 @@ CALLS = {  # every public call on something small
     "import_recording": lambda lab: flashtemp.import_recording(
         next((lab / "twin").glob("*.nc")), view="sidewall", out=lab / "side.nc"
     ),
+    "look": lambda lab: flashtemp.look(next((lab / "twin").glob("*sidewall.nc"))),
     "friction": lambda lab: flashtemp.friction(THEORY, slowest=1e-3, fastest=1.0),
     "area": lambda lab: flashtemp.area(THEORY),
     "tread": lambda lab: flashtemp.tread(THEORY, {"title": TITLE, "tread.slip": [0.05]}),

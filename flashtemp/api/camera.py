@@ -14,6 +14,7 @@ from flashtemp.camera.import_options import Facts
 from flashtemp.camera.import_request import Request, found
 from flashtemp.camera.import_request import target as place
 from flashtemp.camera.importing import Imported
+from flashtemp.camera.looking import Look, looked
 from flashtemp.errors import BadInput, nearest
 
 
@@ -44,6 +45,43 @@ def import_recording(
     saved = replace(result, saved=target)
     with drawing(saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"):
         return replace(saved, picture=_picture(result, target))
+
+
+def look(
+    files: str | Path | Sequence[str | Path] | Request,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    say: Say = silent,
+    **facts: Any,
+) -> Look:
+    """What is in camera files, asking nothing: pixels, clock, object parameters, ranges; drawn into `out`, a PNG file.
+
+    `facts` say how numbers are read where the file does not: unit, scale, offset, variable...  Raises BadInput.
+    """
+    if isinstance(files, Request):
+        asked = files
+    else:
+        names = [files] if isinstance(files, (str, Path)) else files
+        asked = Request.of([str(name) for name in names], _facts(facts))
+    picture = None if out is None else _free(Path(out), overwrite)
+    seen = looked(found(asked.files), asked.facts, say)
+    if picture is None:
+        return seen
+    from flashtemp.viz import raw_images, theme
+
+    return replace(seen, picture=theme.save(raw_images.draw(seen), picture))
+
+
+def _free(picture: Path, overwrite: bool) -> Path:
+    """Where a picture goes; BadInput where it cannot."""
+    if picture.suffix != ".png":
+        raise BadInput(f"{picture}: a picture of camera files is PNG; give a name that ends in .png")
+    if picture.exists() and not overwrite:
+        raise BadInput(f"{picture}: exists already; add --overwrite or choose another name with --out")
+    if not picture.parent.is_dir():
+        raise BadInput(f"{picture}: no folder {picture.parent}; give a folder that exists")
+    return picture
 
 
 def recording_template() -> str:

@@ -16,6 +16,7 @@ from flashtemp.errors import BadInput
 def import_(
     *files: str,
     out: Path | None = None,
+    look: Annotated[bool, Switch] = False,
     template: Annotated[bool, Switch] = False,
     overwrite: Annotated[bool, Switch] = False,
     facts: Annotated[Facts, Parameter(name="*", negative=(), consume_multiple=True)] = Facts(),  # noqa: B008 (frozen)
@@ -28,11 +29,13 @@ def import_(
     files
         Camera files, a folder of them, patterns in quotes, or one recording template (.toml).
     out
-        The recording to write, .nc.
+        The recording to write, .nc; of --look the picture, .png.
+    look
+        Only draw what is in the files, with pixels, clock, object parameters and ranges; nothing need be known.
     template
         Print a commented recording template.
     overwrite
-        Replace a recording that exists.
+        Replace a file that exists.
     """
     from flashtemp.api import camera
 
@@ -40,6 +43,11 @@ def import_(
         print(camera.recording_template())
         return DONE
     asked = Request.of(files, facts, out)
+    if look:
+        picture = out or Path(f"{Path(asked.files[0]).name if asked.files else 'files'}.look.png")
+        seen = camera.look(asked, out=picture, overwrite=overwrite, say=tell)
+        emit(seen.as_dict(), json, str(seen))
+        return DONE
     if asked.out is None:
         raise BadInput("out: missing; give --out RECORDING.nc")
     result = camera.import_recording(asked, overwrite=overwrite, say=tell)

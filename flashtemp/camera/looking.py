@@ -1,0 +1,198 @@
+"""What is in camera files before anything is known of them: frames, pixels, clock, object parameters, ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.camera import files
+from flashtemp.camera.import_options import Facts
+from flashtemp.camera.radiometry import Planck
+from flashtemp.camera.raw_frames import Frames
+from flashtemp.errors import BadInput
+from flashtemp.showing import Sheet, Shown
+
+KEPT = 6  # frames that are shown
+BINS = 120  # of the histogram
+UNSAID = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "limit")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Look(Shown):
+    """Camera files as they are: `images` (some, rows, columns) degC of the frames `shown` (some,), counted from 0.
+
+    `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
+    where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
+    `counts` of values between `edges` degC; `outside` the camera's range and `dead` in every frame, both in pixels.
+    """
+
+    files: tuple[Path, ...]
+    format: str
+    camera: str
+    images: np.ndarray
+    shown: np.ndarray
+    mean: np.ndarray
+    clock: np.ndarray | None
+    time: np.ndarray | None
+    fps: float | None
+    said: dict[str, float]
+    span: tuple[float, float]
+    counts: np.ndarray
+    edges: np.ndarray
+    outside: int
+    dead: int
+    notes: tuple[str, ...]
+    picture: Path | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and text for JSON."""
+        return {
+            "files": [str(f) for f in self.files], "format": self.format, "camera": self.camera,
+            "frames": len(self.mean), "rows": self.images.shape[1], "columns": self.images.shape[2],
+            "temperature_degC": list(self.span), "begins": self._begins(), "lasts_s": self._lasts(), "fps": self.fps,
+            "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": self.dead,
+            "notes": list(self.notes), "picture": self.picture and str(self.picture),
+        }  # fmt: skip
+
+    def _begins(self) -> str | None:
+        if self.clock is None or not np.isfinite(self.clock[0]):
+            return None
+        return datetime.fromtimestamp(float(self.clock[0]), UTC).replace(tzinfo=None).isoformat(" ", "milliseconds")
+
+    def _lasts(self) -> float | None:
+        times = self.time if self.time is not None else self.clock
+        if times is not None:
+            return float(np.nanmax(times) - np.nanmin(times))
+        return (len(self.mean) - 1) / self.fps if self.fps else None
+
+    def rows_of(self) -> list[tuple[str, str]]:
+        """What is known, in words."""
+        rows, columns = self.images.shape[1:]
+        begins, lasts = self._begins(), self._lasts()
+        when = [f"begins {begins} on the camera's clock"] if begins else []
+        when += [f"lasts {lasts:.6g} s"] if lasts else []
+        when += [f"{self.fps:.4g} frames per second"] if self.fps else []
+        object_ = ", ".join(f"{k.replace('_', ' ')} {v:g}" for k, v in self.said.items())
+        return [
+            ("kind", ", ".join(t for t in (self.format, self.camera) if t)),
+            ("images", f"{len(self.mean)} of {columns} x {rows} pixels"),
+            ("time", ", ".join(when) or "not in the file: --fps and --start, or --times"),
+            ("temperature", f"{self.span[0]:.2f} to {self.span[1]:.2f} degC"),
+            ("computed with", object_ or "not in the file"),
+            ("pixels left out", f"{self.dead} in all frames, {self.outside} values beyond the camera's range"),
+        ]
+
+    def __str__(self) -> str:
+        name = self.files[0].name if len(self.files) == 1 else f"{self.files[0].name} and {len(self.files) - 1} more"
+        lines = [name, *(f"  {key}: {value}" for key, value in self.rows_of()), *(f"  {note}" for note in self.notes)]
+        return "\n".join([*lines, *([f"  drawn in {self.picture}"] if self.picture else [])])
+
+    def sheet(self) -> Sheet:
+        return Sheet(self.files[0].name, rows=self.rows_of(), notes=self.notes)
+
+
+def looked(names: Sequence[Path], facts: Facts = Facts(), told: Callable[[str], Any] = lambda text: None) -> Look:  # noqa: B008 (frozen)
+    """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
+
+    Raises BadInput.
+    """
+    means, clocks, times = [], [], []
+    first: Frames | None = None
+    dead: np.ndarray | None = None
+    outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
+    counted = _Histogram()
+    kept = _Kept()
+    for done, path in enumerate(names, 1):
+        for frames in pieces(path, facts):
+            if first is None:
+                first = frames
+            elif frames.shape != first.shape:
+                raise BadInput(f"{path}: {frames.shape[::-1]} pixels, {names[0].name} has {first.shape[::-1]}")
+            T = frames.temperature
+            known = np.isfinite(T)
+            means.append(np.where(known.any(axis=(1, 2)), _mean(T, known), np.nan))
+            clocks.append(frames.clock)
+            times.append(frames.time)
+            dead = ~known.any(axis=0) if dead is None else dead & ~known.any(axis=0)
+            outside += frames.outside
+            if known.any():
+                low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
+                counted.add(T[known])
+            kept.add(T, number)
+            number += len(T)
+            notes += [note for note in frames.notes if note not in notes]
+        if done % 50 == 0:
+            told(f"{done} of {len(names)} files read")
+    if first is None or dead is None:
+        raise BadInput("no camera files; give files or a folder of them")
+    shown, images = kept.chosen()
+    counts, edges = counted.over(low, high)
+    return Look(
+        tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _all(clocks), _all(times),
+        first.fps, dict(first.said), (low, high), counts, edges, outside, int(dead.sum()), tuple(notes),
+    )  # fmt: skip
+
+
+def pieces(path: Path, facts: Facts):
+    """Frames of a file as its maker meant them, a few at a time."""
+    planck = None if facts.planck is None else Planck(*facts.planck)
+    return files.pieces(path, **{k: getattr(facts, k) for k in UNSAID}, planck=planck, every=facts.every or 1)
+
+
+def _mean(T: np.ndarray, known: np.ndarray) -> np.ndarray:
+    return np.sum(T, axis=(1, 2), where=known) / np.maximum(known.sum(axis=(1, 2)), 1)
+
+
+def _all(parts: list[np.ndarray | None]) -> np.ndarray | None:
+    found = [p for p in parts if p is not None]
+    return np.concatenate(found) if found and len(found) == len(parts) else None
+
+
+class _Kept:
+    """Frames spread evenly over however many there are: twice as far apart whenever there are too many."""
+
+    def __init__(self) -> None:
+        self.every, self.numbers, self.images = 1, list[int](), list[np.ndarray]()
+
+    def add(self, images: np.ndarray, first: int) -> None:
+        """Keep what is due of frames numbered from `first`."""
+        for number, image in enumerate(images, first):
+            if number % self.every == 0:
+                self.numbers.append(number)
+                self.images.append(np.array(image))
+            if len(self.numbers) > 4 * KEPT:
+                self.every *= 2
+                due = [k for k, n in enumerate(self.numbers) if n % self.every == 0]
+                self.numbers, self.images = [self.numbers[k] for k in due], [self.images[k] for k in due]
+
+    def chosen(self) -> tuple[np.ndarray, np.ndarray]:
+        """At most KEPT of them: numbers and images."""
+        at = np.unique(np.linspace(0, len(self.numbers) - 1, KEPT).round().astype(int))
+        return np.array(self.numbers)[at], np.stack([self.images[k] for k in at])
+
+
+class _Histogram:
+    """Counts of tenths of a degree, made coarser at the end."""
+
+    STEP = 0.1  # K
+
+    def __init__(self) -> None:
+        self.found: dict[int, int] = {}
+
+    def add(self, values: np.ndarray) -> None:
+        """Count values, degC."""
+        numbers, many = np.unique(np.floor(values / self.STEP).astype(int), return_counts=True)
+        for k, n in zip(numbers.tolist(), many.tolist(), strict=True):
+            self.found[k] = self.found.get(k, 0) + n
+
+    def over(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+        """Counts (bins,) and edges (bins + 1,) degC."""
+        middle = np.clip(self.STEP * (np.array(list(self.found)) + 0.5), low, high)
+        bins = min(BINS, max(1, int((high - low) / self.STEP)))
+        counts, edges = np.histogram(middle, bins, (low, max(high, low + self.STEP)), weights=list(self.found.values()))
+        return counts.astype(int), edges

@@ -1,0 +1,77 @@
+"""What is in camera files before anything is known of them, and its picture."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import flashtemp
+from flashtemp.__main__ import main
+from flashtemp.camera.looking import KEPT, _Kept
+from flashtemp.errors import BadInput
+
+
+def images(folder, count=3, rows=20, columns=30):
+    """CSV images, each 1 K warmer than the one before; one pixel never has a value."""
+    made = []
+    for k in range(count):
+        T = 20.0 + k + 0.1 * np.arange(columns) + 0.2 * np.arange(rows)[:, None] ** 1.1
+        lines = ["\t".join(f"{v:.4f}" for v in row) for row in T]
+        cells = lines[3].split("\t")
+        cells[4] = "---"
+        lines[3] = "\t".join(cells)
+        (folder / f"img{k + 1}.csv").write_text("\n".join(lines) + "\n")
+        made.append(T)
+    return np.stack(made)
+
+
+def test_everything_in_the_files_is_told_and_nothing_asked(tmp_path):
+    T = images(tmp_path)
+    seen = flashtemp.look(tmp_path)
+    known = np.ones(T.shape[1:], bool)
+    known[3, 4] = False
+    np.testing.assert_allclose(seen.images[:, known], T[:, known], atol=6e-5)
+    np.testing.assert_allclose(seen.mean, T[:, known].mean(axis=1), atol=1e-4)
+    assert seen.span == pytest.approx((T.min(), T[:, known].max()), abs=1e-4)
+    assert seen.counts.sum() == 3 * known.sum()
+    assert seen.dead == 1
+    assert "not in the file: --fps and --start" in str(seen)
+    assert "3 of 30 x 20 pixels" in str(seen)
+
+
+def test_the_command_draws_and_refuses_to_replace(tmp_path, capsys, monkeypatch):
+    images(tmp_path, 8)
+    monkeypatch.chdir(tmp_path)
+    assert main(["import", "img1.csv", "img2.csv", "--look", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["frames"] == 2
+    assert told["picture"] == "img1.csv.look.png"
+    assert (tmp_path / "img1.csv.look.png").stat().st_size > 10_000
+    assert main(["import", "img1.csv", "--look"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["import", "img1.csv", "--look", "--overwrite"]) == 0
+    assert main(["import", "img*.csv", "--look", "--out", "all.jpg"]) == 2
+    assert "ends in .png" in capsys.readouterr().err
+
+
+def test_frames_that_are_kept_are_spread_over_all():
+    kept = _Kept()
+    for first in range(0, 1000, 7):
+        kept.add(np.zeros((min(7, 1000 - first), 2, 2)), first)
+    shown, pictures = kept.chosen()
+    assert len(shown) == len(pictures) == KEPT
+    assert shown[0] == 0
+    assert shown[-1] > 900
+    assert np.diff(shown).max() < 1.5 * np.diff(shown).min()
+
+
+def test_what_cannot_be_looked_at_is_told(tmp_path):
+    with pytest.raises(BadInput, match="no camera files"):
+        flashtemp.look([])
+    images(tmp_path, 1)
+    (tmp_path / "small").mkdir()
+    images(tmp_path / "small", 1, 12, 20)
+    with pytest.raises(BadInput, match="pixels"):
+        flashtemp.look([tmp_path / "img1.csv", tmp_path / "small" / "img1.csv"])

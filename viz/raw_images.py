@@ -1,0 +1,58 @@
+"""Camera files before anything is known of them: frames with their pixels, mean over time, histogram."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.residuals import plain
+
+COLUMNS, BELOW, OUT = 3, 2.1, "#D0D0D0"  # images in a row; inches of what stands below; pixels without a temperature
+
+
+@theme.styled
+def draw(look) -> Figure:
+    """A figure of a `Look`: images over column and row (px), all in one colour scale; below, what the frames hold."""
+    n, (high, wide) = len(look.images), look.images.shape[1:]
+    columns, rows = min(n, COLUMNS), -(-n // COLUMNS)
+    tall = rows * (np.clip(high / wide, 0.2, 1.4) * theme.WIDE / max(columns, 1.6) + 0.35) + 0.3
+    fig = Figure(figsize=(theme.WIDE, 0.4 + tall + BELOW), layout="constrained", facecolor="white")
+    fig.suptitle(plain(str(look).splitlines()[0]), x=0.01, ha="left")
+    above, below = fig.subfigures(2, 1, height_ratios=[tall, BELOW], squeeze=False)[:, 0]
+    norm = theme.temperature_norm(look.images)
+    axes = above.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    for ax, image, number in zip(axes, look.images, look.shown, strict=False):
+        shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
+        ax.set_facecolor(OUT)
+        ax.set_title(_when(look, int(number)))
+    for ax in axes[n:]:
+        ax.remove()
+    axes[0].set_ylabel("row, px")
+    for ax in axes[max(0, n - columns) : n]:
+        ax.set_xlabel("column, px")
+    above.colorbar(shown, ax=list(axes[:n]), label=f"temperature, {theme.DEGREE}", fraction=0.04)
+    left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0])
+    _course(left, look)
+    right.stairs(look.counts, look.edges, fill=True, color=theme.BLOCK)
+    right.set(xlabel=f"temperature, {theme.DEGREE}", ylabel="values", yscale="log")
+    return fig
+
+
+def _when(look, number: int) -> str:
+    if look.time is not None:
+        return f"frame {number}, {theme.number(look.time[number])} s"
+    if look.clock is not None:
+        return f"frame {number}, {theme.number(look.clock[number] - look.clock[0])} s after the first"
+    return f"frame {number}"
+
+
+def _course(ax, look) -> None:
+    """Mean of every frame over the time that the file tells, or its number."""
+    x, label = np.arange(len(look.mean)), "frame"
+    if look.time is not None:
+        x, label = look.time, "time, s"
+    elif look.clock is not None:
+        x, label = look.clock - look.clock[0], "time after the first frame, s"
+    ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
+    ax.set(xlabel=label, ylabel=f"mean of the image, {theme.DEGREE}")

@@ -94,6 +94,7 @@ def plan(
     out: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    say: Say = silent,
 ) -> Outlook:
     """Before measuring: which effects the views and conditions of a campaign can tell apart, and what to add.
 
@@ -101,6 +102,7 @@ def plan(
     """
     loaded = campaign_of(campaign, planned=True)
     with wanted(out) as work:
+        say(f"traces of all candidates under {len(loaded.conditions)} conditions, then of experiments that may follow")
         with crew(predict, workers, scheduler) as run:
             outlook = experiment_design.plan(prepare(loaded, run))
         if work is not None:

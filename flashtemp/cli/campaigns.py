@@ -91,7 +91,7 @@ def plan(
     from flashtemp.api import campaigns
 
     loaded = campaigns.open_campaign(campaign, planned=True, trust=trust, limit=limit)
-    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler)
+    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=teller(json))
     emit(outlook.as_dict(), json, str(outlook))
     return DONE
 

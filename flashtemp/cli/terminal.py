@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -16,6 +17,9 @@ from flashtemp.errors import Incomplete
 from flashtemp.showing import to_json
 
 __all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
+
+LINE_EVERY, FIRST_LINE = 60.0, 0.1  # s between lines of progress; of it until the first
+FORESEEN = 0.01  # of all that is to be done, below which nothing is said of the time left
 
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
@@ -55,19 +59,22 @@ def result_folder(out: Path | None, name: str, go_on: bool = False) -> Path:
 
 @contextmanager
 def progress_bar(label: str):
-    """Progress with time left on stderr, told watch(march, end); silent where stderr is no terminal."""
+    """Progress with time left on stderr, told watch(march, end)."""
     with counter(label) as bar:
         yield lambda now, end: bar(now.t, end)
 
 
 @contextmanager
 def counter(label: str):
-    """Progress with time left on stderr, told watch(done, total); silent where stderr is no terminal."""
+    """Progress with time left on stderr, told watch(done, total): a bar, or lines where stderr is no terminal."""
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Lines(label)
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -76,7 +83,7 @@ def counter(label: str):
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task, shown = bar.add_task(escape(plain(label)), total=None), 0.0
 
         def watch(done: float, total: float) -> None:
@@ -86,6 +93,21 @@ def counter(label: str):
                 bar.update(task, completed=done, total=total)
 
         yield watch
+
+
+class Lines:
+    """Progress as lines for a log: told (done, total), one after six seconds, then one a minute."""
+
+    def __init__(self, label: str):
+        self.label, self.began, self.told = label, time.monotonic(), 0
+        self.pace = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_EVERY))  # s; a page asks for more
+
+    def __call__(self, done: float, total: float) -> None:
+        gone = time.monotonic() - self.began
+        if gone > self.pace * (self.told + FIRST_LINE) and 0 < done < total:
+            self.told = int(gone / self.pace) + 1
+            left = f", about {gone * (total / done - 1.0):.0f} s left" if done > FORESEEN * total else ""
+            tell(f"{self.label}: {100 * done / total:.0f} %{left}")
 
 
 def emit(data: Any, as_json: bool, text: str) -> None:

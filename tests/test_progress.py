@@ -1,0 +1,43 @@
+"""What long work tells where no terminal shows a bar."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from flashtemp.cli import terminal
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    return now
+
+
+def lines(clock, capsys, seconds):
+    watch = terminal.Lines("run_in")
+    for k in range(seconds):
+        clock[0] = float(k)
+        watch(k, seconds)
+    return capsys.readouterr().err.splitlines()
+
+
+def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys):
+    told = lines(clock, capsys, 301)
+    assert len(told) == 5
+    percent, left = zip(
+        *(map(int, re.fullmatch(r"run_in: (\d+) %, about (\d+) s left", t).groups()) for t in told), strict=True
+    )
+    assert left[0] == 301 - 7  # after a tenth of a minute
+    assert all(abs(p / 100 * 301 + s - 301) < 2 for p, s in zip(percent, left, strict=True))
+
+
+def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):
+    monkeypatch.setenv("FLASHTEMP_PROGRESS", "2")
+    assert len(lines(clock, capsys, 301)) > 140
+
+
+def test_what_is_short_says_nothing(clock, capsys):
+    assert lines(clock, capsys, 5) == []

@@ -16,6 +16,7 @@ _PUBLIC = {
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
     "api.friction": ["area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
+    "api.starting": ["new"],
     "model.case": ["Case"],
     "solver.run": ["Run"],
     "comparison.campaign": ["Campaign"],
@@ -25,7 +26,8 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "area", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "look", "open_campaign",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "look", "new",
+    "open_campaign",
     "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
     "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
 ]  # fmt: skip
@@ -39,6 +41,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.api.friction import area, friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
+    from flashtemp.api.starting import new
     from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait
     from flashtemp.comparison.campaign import Campaign
     from flashtemp.discovery.verdict import Verdict

@@ -25,11 +25,12 @@ TOWER = [  # from the ground; a package imports itself and what stands before it
     ["discovery"],
     ["viz"],
     ["api"],
+    ["lab"],
     ["cli"],
     ["__main__"],
 ]
 FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
-MOST = 14  # entries at the top of flashtemp/
+MOST = 15  # entries at the top of flashtemp/
 LONGEST = 350  # lines of a module
 SCREEN = 60  # lines of a function; its complexity is linted
 

@@ -56,3 +56,16 @@ def _course(ax, look) -> None:
         x, label = look.clock - look.clock[0], "time after the first frame, s"
     ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
     ax.set(xlabel=label, ylabel=f"mean of the image, {theme.DEGREE}")
+
+
+def encoded(image: np.ndarray, low: float, high: float, zoom: int = 1) -> bytes:
+    """One image (rows, columns) degC as PNG in the colours of all temperatures, every pixel `zoom` x `zoom`."""
+    from io import BytesIO
+
+    from matplotlib.image import imsave
+
+    colours = theme.temperature_map()((image - low) / max(high - low, 1e-9), bytes=True)
+    colours[~np.isfinite(image)] = (0xD0, 0xD0, 0xD0, 0xFF)
+    out = BytesIO()
+    imsave(out, np.repeat(np.repeat(colours, zoom, axis=0), zoom, axis=1), format="png")
+    return out.getvalue()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
 from flashtemp.model.case import Case
+from flashtemp.model.case_file import Places
 
 Overrides = Mapping[str, Any]
 Say = Callable[[str], Any]  # told in words what is being done
@@ -30,6 +32,16 @@ def load(case: str | Path, overrides: Overrides | Iterable[str] | None = None, *
     each.
     """
     return cases.load(case, overrides, trust=trust)
+
+
+def case_of_text(text: str, file: Path) -> Case:
+    """The case that a text means as the content of `file`, which need not exist.  Raises BadInput with all faults."""
+    try:
+        raw = tomllib.loads(text)
+    except (ValueError, RecursionError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that place") from fault
+    name = file.parent.name if file.name == "case.toml" else file.stem
+    return cases.assemble(raw, {}, Places(str(file), text), file.parent, name)
 
 
 def case_of(case: str | Path | Case, overrides: Overrides | None = None) -> Case:

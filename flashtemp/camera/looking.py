@@ -96,10 +96,15 @@ class Look(Shown):
         return Sheet(self.files[0].name, rows=self.rows_of(), notes=self.notes)
 
 
-def looked(names: Sequence[Path], facts: Facts = Facts(), told: Callable[[str], Any] = lambda text: None) -> Look:  # noqa: B008 (frozen)
+def looked(
+    names: Sequence[Path],
+    facts: Facts = Facts(),  # noqa: B008 (frozen)
+    told: Callable[[str], Any] = lambda text: None,
+    given: Callable[[np.ndarray], Any] = lambda images: None,
+) -> Look:
     """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
 
-    Raises BadInput.
+    `told` hears of progress, `given` gets the images as they are read.  Raises BadInput.
     """
     means, clocks, times = [], [], []
     first: Frames | None = None
@@ -124,6 +129,7 @@ def looked(names: Sequence[Path], facts: Facts = Facts(), told: Callable[[str], 
                 low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
                 counted.add(T[known])
             kept.add(T, number)
+            given(T)
             number += len(T)
             notes += [note for note in frames.notes if note not in notes]
         if done % 50 == 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cyclopts import App, CycloptsError
 
-from flashtemp.cli import camera, campaigns, effects, friction, road, simulate, studies, tyre
+from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
 
 __all__ = ["COMMANDS", "CycloptsError", "app"]
 
@@ -15,10 +15,11 @@ app = App(
     suppress_keyboard_interrupt=False,  # told below
 )
 COMMANDS = (
+    starting.new,
     simulate.run, studies.sweep, simulate.draw, simulate.view, simulate.check, studies.converge, effects.effects,
     studies.repetitions, studies.wait, studies.sensitivity,
     campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
-    road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads,
+    road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads, laboratory.lab,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command(_command)

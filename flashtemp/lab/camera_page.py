@@ -1,0 +1,255 @@
+"""The camera's page: see every frame, mark the block, say what the file does not, save recording and template."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from nicegui import events, run, ui
+
+from flashtemp.api.camera import import_recording
+from flashtemp.camera.import_options import Facts, load
+from flashtemp.camera.import_request import Request, found
+from flashtemp.camera.importing import Imported
+from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.lab.folder import CAMERA, free_name, inside, listing
+from flashtemp.lab.images import Opened, opened
+from flashtemp.lab.jobs import shown
+from flashtemp.lab.marked_image import MarkedImage
+from flashtemp.lab.marks import onsets
+from flashtemp.lab.shared import command_line, file_address, link, told, when_it_fails
+
+SAID = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
+VIEWS = ("sidewall", "wake", "profile")
+DROPPED = "camera"  # folder of files that were dropped on the page
+
+
+class CameraPage:
+    """Camera files being made into a recording: what is marked and said so far, all of it also in words."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.names: list[str] = []
+        self.starts: list[float] = []
+        self.inherited = Facts()
+
+    async def show(self, name: str, template: str) -> None:
+        """The page for a camera file, a folder of them, or a recording template with its own."""
+        with ui.row().classes("w-full items-end"):
+            self.choice = ui.select(self._choices(name), value=name or None, label="camera files", with_input=True)
+            self.choice.classes("w-96").on_value_change(lambda: ui.navigate.to(link("camera", open=self.choice.value)))
+            like = [str(p) for p in listing(self.folder).templates]
+            if name and like:
+                self.like = ui.select(like, label="marked like", on_change=lambda: self._like(name)).classes("w-72")
+            ui.upload(label="or drop them here", multiple=True, auto_upload=True, on_upload=self._dropped)
+        body = ui.column().classes("w-full")
+        with body:
+            waiting = ui.spinner(size="lg")
+        await ui.context.client.connected()
+        seen: Opened | None = None
+        with body, when_it_fails():
+            if template:
+                names, _, self.inherited = load(inside(self.folder, template))
+                self.names = [name] if name else [str(Path(template).parent / n) for n in names]
+            elif name:
+                self.names = [name]
+            ways = [str(inside(self.folder, n)) for n in self.names]
+            if ways:
+                seen = await run.io_bound(lambda: opened(found(ways), self.inherited))
+        waiting.delete()
+        if seen is not None:
+            with body:
+                self._lay_out(seen)
+
+    def _choices(self, name: str) -> list[str]:
+        seen = listing(self.folder)
+        names = [*map(str, seen.image_folders), *map(str, seen.images), *map(str, seen.recordings)]
+        return list(dict.fromkeys([*([name] if name else []), *names]))
+
+    def _like(self, name: str) -> None:
+        """The same files with the marks and words of a template."""
+        ui.navigate.to(link("camera", open=name, template=self.like.value))
+
+    async def _dropped(self, event: events.UploadEventArguments) -> None:
+        """Files dropped on the page are put into the folder, under a name that is free."""
+        name = Path(event.file.name).name
+        if Path(name).suffix.lower() not in CAMERA:
+            ui.notify(f"{name}: no camera file", type="negative")
+            return
+        place = self.folder / DROPPED
+        place.mkdir(exist_ok=True)
+        await event.file.save(place / free_name(place, name))
+        self.choice.set_options(self._choices(DROPPED), value=None)
+        ui.notify(f"{name} is in {DROPPED}/")
+
+    # --- what is seen ------------------------------------------------------------------------------------
+    def _lay_out(self, seen: Opened) -> None:
+        self.seen, self.starts = seen, [t - (self.inherited.start or 0.0) for t in self.inherited.starts or ()]
+        self.marked = MarkedImage(seen, self.inherited, self._told)
+        with ui.row().classes("w-full items-start no-wrap max-xl:flex-wrap"):
+            with ui.column().classes("grow min-w-0 gap-1 max-xl:w-full"):
+                self.marked.show()
+                self._charts()
+            with ui.column().classes("w-full xl:w-[28rem] xl:shrink-0 gap-2"):
+                self.marked.show_controls()
+                self._saying()
+        self.report = ui.column().classes("w-full")
+        self.marked.drawn()
+        self._told()
+
+    def _charts(self) -> None:
+        """Mean over time, on which starts of sliding are clicked, and the histogram."""
+        look, title = self.seen.seen, {"fontSize": 12}
+        with ui.row().classes("w-full no-wrap max-lg:flex-wrap"):
+            self.trace = ui.echart({
+                "animation": False, "grid": {"top": 28, "bottom": 36}, "tooltip": {"trigger": "axis"},
+                "title": {"text": "mean of the image (°C); click a start of sliding", "textStyle": title},
+                "xAxis": {"type": "value", "name": "s" if self.seen.timed else "frame"},
+                "yAxis": {"type": "value", "scale": True},
+                "series": [{"type": "line", "symbolSize": 7, "data": _pairs(self.seen.time, self.seen.mean)}],
+            }, on_point_click=lambda e: self._start_clicked(float(e.data[0]))).classes("grow h-52 min-w-0")  # fmt: skip
+            middle = 0.5 * (look.edges[1:] + look.edges[:-1])
+            ui.echart({
+                "animation": False, "grid": {"top": 28, "bottom": 36},
+                "title": {"text": "values by temperature (°C)", "textStyle": title},
+                "xAxis": {"type": "value", "scale": True}, "yAxis": {"type": "log"},
+                "series": [{"type": "line", "step": "middle", "showSymbol": False, "areaStyle": {},
+                            "data": [p for p in _pairs(middle, look.counts) if p[1] > 0]}],
+            }).classes("w-80 h-52")  # fmt: skip
+        for key, words in look.rows_of():
+            ui.label(f"{key}: {words}").classes("text-xs text-gray-700")
+
+    # --- what the file does not say ------------------------------------------------------------------------
+    def _saying(self) -> None:
+        facts = self.inherited
+        ui.label("What the file does not say").classes("text-lg font-medium")
+        self.view = ui.select(list(VIEWS), value=facts.view or VIEWS[0], label="view", on_change=lambda: self._told())
+        self.view.classes("w-full")
+        self.said: dict[str, Any] = {}
+        for key, unit in SAID.items():
+            words = f"{key}{f' ({unit})' if unit else ''}"
+            self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._told())
+            self.said[key].classes("w-full").props("dense")
+        self.starting = ui.input("starts of sliding, s after the first frame", value=_listed(self.starts))
+        self.starting.classes("w-full").props("dense").on("change", lambda: self._starts_typed())
+        with ui.row():
+            ui.button("Find starts", on_click=self._find_starts).props("outline dense no-caps")
+            ui.button("Forget marks", on_click=self.marked.forget).props("outline dense no-caps")
+        self.out = ui.input("recording", value=self._free(), on_change=lambda: self._told()).classes("w-full")
+        ui.button("Save recording and template", on_click=self._save).classes("w-full").props("no-caps")
+        self.line = ui.column().classes("w-full")
+
+    def _free(self) -> str:
+        name = Path(self.names[0])
+        return free_name(self.folder, f"{name.stem if name.suffix else name.name or 'recording'}.nc")
+
+    def _find_starts(self) -> None:
+        self.starts = [round(t, 4) for t in onsets(self._time(), self.seen.mean)]
+        self._started()
+        if not self.starts:
+            ui.notify("no steep rise is found; click on the curve")
+
+    def _time(self) -> np.ndarray:
+        """Seconds after the first frame, by the frame rate where the files do not tell."""
+        rate = self.said["fps"].value
+        return self.seen.time if self.seen.timed or not rate else self.seen.time / float(rate)
+
+    def _start_clicked(self, t: float) -> None:
+        """A start is set where the curve is clicked, or taken away again."""
+        t = round(t / float(self.said["fps"].value or 1.0) if not self.seen.timed else t, 4)
+        self.starts = [s for s in self.starts if s != t] if t in self.starts else sorted([*self.starts, t])
+        self._started()
+
+    def _starts_typed(self) -> None:
+        words = str(self.starting.value or "").replace(";", ",").split(",")
+        try:
+            self.starts = sorted(float(v) for v in words if v.strip())
+        except ValueError:
+            ui.notify("give times in s with commas between", type="negative")
+        self._started()
+
+    def _started(self) -> None:
+        self.starting.value = _listed(self.starts)
+        rate = 1.0 if self.seen.timed else float(self.said["fps"].value or 1.0)
+        lines = [{"xAxis": t * rate} for t in self.starts]
+        self.trace.options["series"][0]["markLine"] = {"symbol": "none", "data": lines, "label": {"show": False}}
+        self.trace.update()
+        if self.starts:
+            self.said["start"].value = round(-self.starts[0], 4)
+        self._told()
+
+    # --- in words -------------------------------------------------------------------------------------------
+    def facts(self) -> Facts:
+        """All that is marked and said."""
+        marks = self.marked.marks
+        said: dict[str, Any] = {k: float(box.value) for k, box in self.said.items() if box.value is not None}
+        if self.starts:
+            said["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
+        placed = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
+        own = Facts(view=self.view.value, block=(marks.length, marks.height), **said)
+        facts = marks.facts().over(own.over(placed))
+        return facts if facts.starts or facts.case or facts.repetition else replace(facts, repetition=1)
+
+    def template(self) -> str:
+        """The recording template that says the same."""
+        here = (self.folder / self.out.value).parent
+        rows: dict[str, Any] = {
+            "files": [_beside(self.folder / n, here) for n in self.names],
+            "out": Path(self.out.value).name,
+        }
+        for f in fields(Facts):
+            if (value := getattr(self.facts(), f.name)) is not None:
+                rows[f.name] = str(value) if isinstance(value, Path) else _rows(value)
+        return tomli_w.dumps(rows)
+
+    def _told(self) -> None:
+        """The command line that does the same."""
+        self.line.clear()
+        with self.line:
+            command_line(shown(["import", str(Path(self.out.value or "recording.nc").with_suffix(".toml"))]))
+
+    async def _save(self) -> None:
+        """Template and recording, by the very code of the command line."""
+        self.report.clear()
+        with self.report:
+            try:
+                result = await run.io_bound(self._imported)
+            except (FlashtempError, OSError) as fault:
+                told(str(fault).replace(f"{self.folder}/", ""))
+                return
+            if result is None:  # the server ends
+                return
+            ui.label(str(result)).classes("whitespace-pre-wrap font-mono text-sm")
+            for note in result.notes:
+                ui.label(note).classes("text-xs")
+            if result.picture is not None:
+                ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
+
+    def _imported(self) -> Imported:
+        out = inside(self.folder, self.out.value)
+        if out.suffix != ".nc":
+            raise BadInput(f"{self.out.value}: a recording is NetCDF; give a name that ends in .nc")
+        template = out.with_suffix(".toml")
+        template.write_text(self.template(), encoding="utf-8")
+        return import_recording(Request.of([str(template)], Facts()), overwrite=True)
+
+
+def _beside(path: Path, folder: Path) -> str:
+    """A path as a file in that folder names it."""
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
+    return [[float(a), float(b)] for a, b in zip(x, y, strict=True) if np.isfinite(b)]
+
+
+def _listed(values: list[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
+
+
+def _rows(value: Any) -> Any:
+    """Tuples as the lists that TOML has."""
+    return [_rows(v) for v in value] if isinstance(value, tuple) else value

@@ -1,0 +1,109 @@
+"""The page of a campaign: which case, which recordings under which conditions, what is free; the TOML beside it."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from flashtemp.api.campaigns import open_campaign
+from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.lab.folder import free_name, inside, listing
+from flashtemp.lab.shared import link, saved, told, when_it_fails
+from flashtemp.lab.toml_text import edited
+from flashtemp.model.toml_value import value_text
+
+BEGIN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
+
+
+class CampaignPage:
+    """One campaign as text; the controls only write into the text, so that there is one truth."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def show(self, name: str) -> None:
+        """The page for a file of the folder, or for a new campaign."""
+        with when_it_fails():
+            text = inside(self.folder, name).read_text(encoding="utf-8") if name else BEGIN
+            self.found = listing(self.folder)
+            with ui.row().classes("w-full items-center"):
+                self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
+                ui.button("Save", on_click=self._save)
+                for command in ("compare", "discover", "plan"):
+                    ui.button(command, on_click=lambda c=command: self._go(c)).props("outline no-caps")
+            self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
+            with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
+                with ui.column().classes("w-full lg:w-1/2"):
+                    self._controls()
+                self.text = ui.codemirror(text, language="TOML").classes("w-full lg:w-1/2 h-96")
+
+    def _controls(self) -> None:
+        cases = [str(p) for p in self.found.cases]
+        ui.select(cases, label="case that is believed", on_change=lambda e: self._set("case", self._beside(e.value)))
+        self.free = ui.input("free keys, with commas between", value="friction.mu").classes("w-full")
+        self.free.on("change", lambda: self._set("free", [k.strip() for k in self.free.value.split(",") if k.strip()]))
+        ui.label("Add a recording").classes("text-lg font-medium")
+        recordings = [str(p) for p in self.found.recordings]
+        self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
+        self.given = ui.input("what was different: contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
+        self.held = ui.checkbox("left out of the fit")
+        ui.button("Add", on_click=self._add).props("outline")
+
+    def _beside(self, path: str) -> str:
+        """A file as the campaign names it."""
+        here = (self.folder / self.name.value).parent
+        return os.path.relpath(self.folder / path, here)
+
+    def _set(self, key: str, value: Any) -> None:
+        self.text.value = edited(self.text.value or "", "", key, value)
+
+    def _add(self) -> None:
+        """One more recording at the end of the text."""
+        if not self.file.value:
+            return
+        self.faults.clear()
+        with self.faults, when_it_fails():
+            rows = ["", "[[recording]]", f"file = {value_text(self._beside(self.file.value))}"]
+            if given := _conditions(self.given.value or ""):
+                rows.append(f"with = {value_text(given)}")
+            if self.held.value:
+                rows.append("held_out = true")
+            self.text.value = (self.text.value or "").rstrip() + "\n" + "\n".join(rows) + "\n"
+
+    def _save(self) -> bool:
+        """Write the text, then tell what is wrong with it."""
+        self.faults.clear()
+        with self.faults:
+            try:
+                saved(self.folder, self.name.value, self.text.value or "")
+                open_campaign(inside(self.folder, self.name.value), planned=True)
+            except (FlashtempError, OSError) as fault:
+                told(str(fault).replace(f"{self.folder}/", ""))
+                return False
+        return True
+
+    def _go(self, command: str) -> None:
+        if self._save():
+            ui.navigate.to(link("work", command=command, of=self.name.value))
+
+
+def _conditions(typed: str) -> dict[str, Any]:
+    """Keys and values as typed, with commas between.  Raises BadInput.
+
+    >>> _conditions("contact.pressure=3e5, schedule.speed = 0.2")
+    {'contact.pressure': 300000.0, 'schedule.speed': 0.2}
+    """
+    out = {}
+    for part in typed.split(",") if typed.strip() else ():
+        key, equals, value = part.partition("=")
+        try:
+            out[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+        except (ValueError, RecursionError):
+            out[key.strip()] = value.strip()
+        if not equals:
+            raise BadInput(f"{part.strip()!r}; write table.key=value")
+    return out

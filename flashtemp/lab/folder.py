@@ -1,0 +1,118 @@
+"""What lies in a laboratory's folder: cases, campaigns, recordings, templates, camera files, results, begun work."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flashtemp.errors import BadInput
+from flashtemp.model.schema import TABLES
+from flashtemp.runs import folders
+
+DEEP, MOST = 4, 5000  # folders in folders, and files, that are looked at
+CAMERA = {
+    ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
+    ".hdf5",
+}  # fmt: skip
+RESULTS = {  # file that a result folder holds: the command that makes it
+    "run.nc": "run", "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
+    "sensitivity.json": "sensitivity",
+}  # fmt: skip
+
+
+@dataclass
+class Listing:
+    """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners."""
+
+    cases: list[Path] = field(default_factory=list)
+    campaigns: list[Path] = field(default_factory=list)
+    templates: list[Path] = field(default_factory=list)
+    recordings: list[Path] = field(default_factory=list)
+    images: list[Path] = field(default_factory=list)
+    results: dict[Path, str] = field(default_factory=dict)
+    begun: dict[Path, folders.Owner] = field(default_factory=dict)
+
+    @property
+    def image_folders(self) -> dict[Path, int]:
+        """Folders with camera files, and how many each holds."""
+        out: dict[Path, int] = {}
+        for path in self.images:
+            out[path.parent] = out.get(path.parent, 0) + 1
+        return out
+
+
+def listing(folder: Path) -> Listing:
+    """Everything in a folder that a page can open; hidden files are left out, links are not followed."""
+    out = Listing()
+    for path, names in _folders(folder):
+        here = path.relative_to(folder)
+        made = next((command for name, command in RESULTS.items() if name in names), None)
+        if (owner := folders.owner(path)) is not None:
+            out.begun[here] = owner
+        elif made is not None:
+            out.results[here] = made
+        else:
+            for name in sorted(names):
+                _sort(out, folder, here / name)
+    return out
+
+
+def _folders(folder: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Folders in order, with the names of their files; what lies in a result is a part of it."""
+    seen = 0
+    for at, inside, names in os.walk(folder):
+        path = Path(at)
+        names = [n for n in names if not n.startswith(".") or n == folders.MARKER]
+        closed = any(n in RESULTS or n == folders.MARKER for n in names)
+        deep = len(path.relative_to(folder).parts) >= DEEP
+        inside[:] = [] if closed or deep else sorted(n for n in inside if not n.startswith("."))
+        seen += len(names)
+        yield path, names
+        if seen > MOST:
+            return
+
+
+def _sort(out: Listing, folder: Path, path: Path) -> None:
+    """Put one file where it belongs."""
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        kind = {"case": out.cases, "campaign": out.campaigns, "recording": out.templates}.get(kind_of(folder / path))
+        if kind is not None:
+            kind.append(path)
+    elif suffix == ".nc":
+        out.recordings.append(path)
+    elif suffix in CAMERA and not path.name.endswith(".look.png") and not (folder / path.with_suffix(".nc")).exists():
+        out.images.append(path)
+
+
+def kind_of(file: Path) -> str:
+    """Whether a TOML file is a case, a campaign or a recording template; "" for any other."""
+    try:
+        raw = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return "case" if file.name == "case.toml" else ""
+    if "recording" in raw or "force" in raw:
+        return "campaign"
+    if "files" in raw:
+        return "recording"
+    return "case" if file.name == "case.toml" or {"effects", "free", *TABLES} & set(raw) else ""
+
+
+def inside(folder: Path, name: str) -> Path:
+    """A path that lies in the folder, whatever was asked for.  Raises BadInput."""
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise BadInput(f"{name}: lies outside the folder of this page; give a name in it")
+    return path
+
+
+def free_name(folder: Path, name: str) -> str:
+    """That name, or name-2, name-3... where it is taken."""
+    stem, suffix, n, free = Path(name).stem, Path(name).suffix, 1, name
+    while (folder / free).exists() or folders.partials(folder / free):
+        n += 1
+        free = f"{stem}-{n}{suffix}"
+    return free

@@ -1,0 +1,80 @@
+"""Images of camera files opened for looking: all frames in order, times where the files tell them."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.camera.import_options import Facts
+from flashtemp.camera.looking import Look, looked
+from flashtemp.camera.stack import Stack
+
+WIDEST = 960  # pixels of a picture on the page
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Camera `files` with all their `frames` (n, rows, columns) degC, their `time` (s, or numbers), and a look."""
+
+    files: tuple[Path, ...]
+    frames: np.ndarray
+    time: np.ndarray
+    timed: bool
+    seen: Look
+
+    @property
+    def zoom(self) -> int:
+        """How many pixels of the page one pixel of the camera takes."""
+        return max(1, WIDEST // self.frames.shape[2])
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean of every frame (n,) degC."""
+        return self.seen.mean[np.argsort(self._clock(), kind="stable")] if self.timed else self.seen.mean
+
+    def _clock(self) -> np.ndarray:
+        clock = self.seen.time if self.seen.time is not None else self.seen.clock
+        return np.arange(len(self.seen.mean)) if clock is None else clock
+
+    def value(self, frame: int, column: float, row: float) -> float | None:
+        """Temperature (degC) of the pixel at a place, None outside the image."""
+        c, r = round(column), round(row)
+        rows, columns = self.frames.shape[1:]
+        return float(self.frames[frame, r, c]) if 0 <= c < columns and 0 <= r < rows else None
+
+    def picture(self, frame: int, low: float, high: float) -> str:
+        """One frame as the address of a PNG picture."""
+        return _address(self.frames[frame], low, high, self.zoom)
+
+    def detail(self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int) -> str:
+        """What lies about a place, magnified: 2 half + 1 pixels square, grey beyond the image."""
+        c, r = round(column), round(row)
+        T = np.full((2 * half + 1,) * 2, np.nan)
+        rows, columns = self.frames.shape[1:]
+        top, left = max(0, r - half), max(0, c - half)
+        part = self.frames[frame, top : min(rows, r + half + 1), left : min(columns, c + half + 1)]
+        if part.size:
+            T[top - r + half :, left - c + half :][: part.shape[0], : part.shape[1]] = part
+        return _address(T, low, high, zoom)
+
+
+def _address(T: np.ndarray, low: float, high: float, zoom: int) -> str:
+    from flashtemp.viz.raw_images import encoded
+
+    return "data:image/png;base64," + b64encode(encoded(T, low, high, zoom)).decode()
+
+
+def opened(files: list[Path], facts: Facts = Facts()) -> Opened:  # noqa: B008 (frozen)
+    """All frames of camera files, in order of time where the files tell it.  Raises BadInput."""
+    stack = Stack()
+    seen = looked(files, facts, given=stack.add)
+    clock = seen.time if seen.time is not None else seen.clock
+    timed = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
+    if clock is None or not timed:
+        time = np.arange(len(seen.mean)) / (seen.fps or 1.0)
+        return Opened(seen.files, stack.images(np.arange(len(time))), time, bool(seen.fps), seen)
+    order = np.argsort(clock, kind="stable")
+    return Opened(seen.files, stack.images(order), clock[order] - clock[order[0]], True, seen)

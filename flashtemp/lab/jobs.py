@@ -1,0 +1,102 @@
+"""Commands that the page has started: each a process of its own whose words stand in a log file in the folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+LOGS = ".flashtemp-lab"  # folder of the logs
+PACE = "0.5"  # s between lines of progress
+SHARE = re.compile(r"(\d+) %")
+LEFT = re.compile(r"about (\d+) s left")
+GRACE = 20.0  # s that an interrupted command gets to leave its checkpoint
+
+
+@dataclass
+class Job:
+    """One command: its `words` after `flashtemp`, the `log` of what it said, its `process`, and when it began (s)."""
+
+    words: tuple[str, ...]
+    log: Path
+    process: subprocess.Popen[bytes]
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def code(self) -> int | None:
+        """Exit code, None while it runs."""
+        return self.process.poll()
+
+    @property
+    def state(self) -> str:
+        """In a word."""
+        if self.code is None:
+            return "running"
+        return {0: "done", 130: "stopped"}.get(self.code, f"failed, exit code {self.code}")
+
+    def lines(self, most: int = 400) -> list[str]:
+        """The last lines of its log."""
+        with suppress(OSError):
+            return self.log.read_text(encoding="utf-8", errors="replace").splitlines()[1:][-most:]
+        return []
+
+    def progress(self) -> tuple[float | None, str]:
+        """Share that is done, where it is known, and the last line."""
+        said = self.lines(40)
+        for line in reversed(said):
+            if found := SHARE.search(line):
+                return float(found[1]) / 100.0, line
+            if found := LEFT.search(line):
+                gone = time.monotonic() - self.began
+                return gone / (gone + float(found[1])), line
+        return None, said[-1] if said else ""
+
+    def stop(self) -> None:
+        """Interrupt it as Ctrl-C does: it leaves what it has."""
+        if self.code is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.process.pid, signal.SIGINT)
+
+
+class Jobs:
+    """All that this server has started in a folder, the newest first."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.all = folder, list[Job]()
+
+    def start(self, words: list[str]) -> Job:
+        """Start `flashtemp words...` in the folder."""
+        logs = self.folder / LOGS
+        logs.mkdir(exist_ok=True)
+        log = logs / f"{time.strftime('%Y%m%d-%H%M%S')}-{len(self.all) + 1}-{words[0]}.log"
+        with log.open("w", encoding="utf-8") as out:
+            out.write(f"$ {shown(words)}\n")
+            out.flush()
+            process = subprocess.Popen(
+                [sys.executable, "-m", "flashtemp", *words], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out,
+                stderr=subprocess.STDOUT, env=os.environ | {"FLASHTEMP_PROGRESS": PACE}, start_new_session=True,
+            )  # fmt: skip
+        job = Job(tuple(words), log, process)
+        self.all.insert(0, job)
+        return job
+
+    def stop_all(self) -> None:
+        """Interrupt all that run, and wait until each has left its checkpoint."""
+        running = [job for job in self.all if job.code is None]
+        for job in running:
+            job.stop()
+        for job in running:
+            with suppress(subprocess.TimeoutExpired):
+                job.process.wait(GRACE)
+
+
+def shown(words: list[str] | tuple[str, ...]) -> str:
+    """The command line that does the same."""
+    return shlex.join(["flashtemp", *words])

@@ -1,0 +1,103 @@
+"""The pages put together: what every page shares, and the application that a server runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from nicegui import app as site
+from nicegui import ui
+
+from flashtemp.lab.camera_page import CameraPage
+from flashtemp.lab.campaign_page import CampaignPage
+from flashtemp.lab.case_page import CasePage
+from flashtemp.lab.folder import listing
+from flashtemp.lab.jobs import Jobs
+from flashtemp.lab.result_page import result_page
+from flashtemp.lab.shared import FILES, NAMES, STANDARD, frame, link, when_it_fails
+from flashtemp.lab.work_page import WorkPage
+
+
+def application(folder: Path) -> tuple[Any, Jobs]:
+    """The page of a folder, and the commands that it starts."""
+    jobs, app = Jobs(folder), FastAPI()
+    site.add_static_files(FILES, folder)
+
+    @ui.page("/")
+    def files() -> None:
+        with frame("folder", folder):
+            _files(folder)
+
+    @ui.page("/camera")
+    async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (the address says it)
+        with frame("camera", folder):
+            await CameraPage(folder).show(open, template)
+
+    @ui.page("/case")
+    def case(open: str = "") -> None:  # noqa: A002
+        with frame("case", folder):
+            CasePage(folder).show(open)
+
+    @ui.page("/campaign")
+    def campaign(open: str = "") -> None:  # noqa: A002
+        with frame("campaign", folder):
+            CampaignPage(folder).show(open)
+
+    @ui.page("/work")
+    def work(command: str = "run", of: str = "") -> None:
+        with frame("work", folder):
+            WorkPage(folder, jobs).show(command, of)
+
+    @ui.page("/result")
+    def result(open: str = "") -> None:  # noqa: A002
+        with frame("", folder), when_it_fails():
+            result_page(folder, open)
+
+    ui.run_with(app, title="flashtemp", favicon="🔥", show_welcome_message=False)
+    return app, jobs
+
+
+def _files(folder: Path) -> None:
+    """What lies in the folder, each with what can be done with it."""
+    found = listing(folder)
+    some = found.image_folders.items()
+
+    def judged(campaign: Path) -> list[tuple[str, str]]:
+        return [(c, _work(c, campaign)) for c in ("compare", "discover", "plan")]
+
+    groups = {
+        "Cases": [(p, [("open", link("case", open=p)), ("run", _work("run", p))]) for p in found.cases],
+        "Camera files": [(p, [(f"look at {n} file{'s' if n > 1 else ''}", link("camera", open=p))]) for p, n in some],
+        "Recording templates": [(p, [("open", link("camera", template=p))]) for p in found.templates],
+        "Recordings": [(p, [("look", link("camera", open=p))]) for p in found.recordings],
+        "Campaigns": [(p, [("open", link("campaign", open=p)), *judged(p)]) for p in found.campaigns],
+        "Results": [(p, [("open", link("result", open=p))]) for p in found.results],
+        "Begun": [(p, [("go on", _work(o.command, p))]) for p, o in found.begun.items()],
+    }  # fmt: skip
+    if not any(groups.values()):
+        ui.label("Nothing here yet: begin with a case, or drop camera files on the camera page.")
+    with ui.row().classes("w-full gap-6 items-start"):
+        for title, rows in groups.items():
+            if rows:
+                _group(title, rows)
+    with ui.row():
+        ui.button("New case", on_click=lambda: ui.navigate.to("/case")).props("outline")
+        ui.button("New campaign", on_click=lambda: ui.navigate.to("/campaign")).props("outline")
+        ui.button("Camera files", on_click=lambda: ui.navigate.to("/camera")).props("outline")
+
+
+def _work(command: str, of: Path) -> str:
+    return link("work", command=command, of=of.parent if of.name in STANDARD and of.parent != Path() else of)
+
+
+def _group(title: str, rows: list[tuple[Path, list[tuple[str, str]]]]) -> None:
+    with ui.card().classes("min-w-72 max-w-full"):
+        ui.label(title).classes("text-lg font-medium")
+        for path, ways in rows[:NAMES]:
+            with ui.row().classes("items-center gap-3 w-full no-wrap"):
+                ui.label(str(path)).classes("break-all grow")
+                for words, target in ways:
+                    ui.link(words, target)
+        if len(rows) > NAMES:
+            ui.label(f"and {len(rows) - NAMES} more")

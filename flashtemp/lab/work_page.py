@@ -1,0 +1,158 @@
+"""The page of work: start a command, see how far it is, stop it, go on."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from flashtemp.lab.folder import RESULTS, free_name, inside, listing
+from flashtemp.lab.jobs import Job, Jobs, shown
+from flashtemp.lab.shared import command_line, link, when_it_fails
+from flashtemp.runs.folders import owner
+
+COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")
+EVERY = 0.5  # s between looks at what runs
+
+
+class WorkPage:
+    """A command with its file and words, and all that this server has started."""
+
+    def __init__(self, folder: Path, jobs: Jobs):
+        self.folder, self.jobs = folder, jobs
+        self.cards: dict[int, Any] = {}
+
+    def show(self, command: str, of: str) -> None:
+        """The page, with a command and its file already chosen."""
+        begun = owner(self.folder / of) if of else None
+        self.resumed = of if begun is not None and begun.command == "run" else ""
+        with ui.card().classes("w-full"):
+            with ui.row().classes("w-full items-end"):
+                chosen = command if command in COMMANDS else "run"
+                self.command = ui.select(list(COMMANDS), value=chosen, label="command", on_change=lambda: self._asked())
+                self.of = ui.select(self._files(chosen, of), value=of or None, label="of", with_input=True).classes(
+                    "w-80"
+                )
+                self.of.on_value_change(lambda: self._changed())
+                self.more = ui.input("more words: keys as table.key=value, options", on_change=lambda: self._changed())
+                self.more.classes("grow")
+                self.start = ui.button("Start", on_click=self._start)
+            self.line = ui.column().classes("w-full")
+        self.list = ui.column().classes("w-full gap-2")
+        self._changed()
+        self._refresh()
+        ui.timer(EVERY, self._refresh)
+
+    def _files(self, command: str, of: str) -> list[str]:
+        """What the command can be given."""
+        found = listing(self.folder)
+        kind = found.campaigns if command in ("compare", "discover", "plan") else found.cases
+        names = [
+            str(p.parent) if p.name in ("case.toml", "campaign.toml") and p.parent != Path() else str(p) for p in kind
+        ]
+        return list(dict.fromkeys([*([of] if of else []), *names]))
+
+    def _asked(self) -> None:
+        """Another command was chosen."""
+        self.resumed = ""
+        self.of.set_options(self._files(self.command.value, ""), value=None)
+        self._changed()
+
+    def words(self) -> list[str]:
+        """The command line without `flashtemp`; a folder for its result is named where it needs one."""
+        if self.resumed and self.of.value == self.resumed:
+            return ["run", "--resume", self.resumed]
+        command, of, more = self.command.value, self.of.value or "", shlex.split(self.more.value or "")
+        if not of:
+            return []
+        path = Path(of)
+        name = path.parent.name if path.name in ("case.toml", "campaign.toml") else path.stem
+        out = [] if "--out" in more else ["--out", f"results/{free_name(self.folder / 'results', f'{name}-{command}')}"]
+        return [command, of, *more, *out]
+
+    def _changed(self) -> None:
+        """The command line as it stands now."""
+        self.line.clear()
+        with self.line, when_it_fails():
+            try:
+                words = self.words()
+            except ValueError as fault:  # a quote that is not closed
+                ui.label(str(fault))
+                words = []
+            self.start.set_enabled(bool(words))
+            if words:
+                inside(self.folder, words[1])
+                command_line(shown(words))
+
+    def _start(self) -> None:
+        (self.folder / "results").mkdir(exist_ok=True)
+        self.jobs.start(self.words())
+        self._changed()
+        self._refresh()
+
+    # --- what runs ---------------------------------------------------------------------------------------
+    def _refresh(self) -> None:
+        """Cards of new commands, and how far each is."""
+        for job in reversed(self.jobs.all):
+            if id(job) not in self.cards:
+                with self.list:
+                    self.cards[id(job)] = Card(self.folder, self.jobs, job)
+                self.cards[id(job)].card.move(target_index=0)
+        for card in self.cards.values():
+            card.refresh()
+
+
+class Card:
+    """One command that was started: its line, progress, words, and the ways on from it."""
+
+    def __init__(self, folder: Path, jobs: Jobs, job: Job):
+        self.folder, self.jobs, self.job, self.ended = folder, jobs, job, False
+        with ui.card().classes("w-full gap-1") as self.card:
+            with ui.row().classes("w-full items-center"):
+                ui.label(shown(job.words)).classes("font-mono text-sm grow break-all")
+                self.state = ui.badge("running").props('data-is="state"')
+                self.stop = ui.button("Stop", on_click=job.stop).props("flat dense")
+            self.bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
+            self.said = ui.label("").classes("text-sm text-gray-700")
+            with ui.expansion("what it says").classes("w-full"):
+                self.log = ui.label("").classes("font-mono text-xs whitespace-pre-wrap")
+            self.ways = ui.row()
+
+    def refresh(self) -> None:
+        """Show how far it is; at its end, what can be done next."""
+        if self.ended:
+            return
+        share, line = self.job.progress()
+        self.said.text = line
+        self.log.text = "\n".join(self.job.lines())
+        self.state.text = self.job.state
+        self.bar.value = share or 0.0
+        self.bar.props(remove="indeterminate") if share is not None else self.bar.props("indeterminate")
+        if self.job.code is None:
+            return
+        self.ended = True
+        self.bar.props(remove="indeterminate")
+        self.bar.value = 1.0 if self.job.code == 0 else self.bar.value
+        self.stop.set_visibility(False)
+        with self.ways:
+            self._ways()
+
+    def _ways(self) -> None:
+        out = self._out()
+        if out and any((self.folder / out / name).exists() for name in RESULTS):
+            ui.link("open the result", link("result", open=out))
+        elif self.job.code == 130 and self.job.words[0] == "run":
+            begun = next((p for p, o in listing(self.folder).begun.items() if out and o.out == Path(out).name), None)
+            if begun is not None:
+                ui.button("Go on", on_click=lambda: self.jobs.start(["run", "--resume", str(begun)])).props("outline")
+        elif self.job.code == 130:
+            ui.button("Go on", on_click=lambda: self.jobs.start(list(self.job.words))).props("outline")
+
+    def _out(self) -> str:
+        words = self.job.words
+        if "--resume" in words:
+            begun = words[words.index("--resume") + 1]
+            return begun.rsplit(".partial", 1)[0]
+        return words[words.index("--out") + 1] if "--out" in words else ""

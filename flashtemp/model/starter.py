@@ -1,0 +1,44 @@
+"""A commented case to begin with: every key with default, unit, range and meaning, made from the declarations."""
+
+from __future__ import annotations
+
+from flashtemp.model.schema import TABLES, declared
+from flashtemp.model.toml_value import value_text
+from flashtemp.physics.effect import Param
+
+HEAD = """\
+# A case of flashtemp: `flashtemp check FILE`, `flashtemp run FILE`.  SI units; temperatures in degC.
+# Every key stands here with its default.  Take the # away to change one; what is not given keeps its default.
+title = "my case"
+
+# effects = ["track_memory", "friction_softening"]   # `flashtemp effects` tells all
+# free = ["friction.mu"]                             # what a fit to measured data may move
+"""
+LAST = ("numerics", "output", "limits")  # tables that most do without
+
+
+def case_text() -> str:
+    """The commented case."""
+    ordered = [t for t in TABLES if t not in LAST] + [t for t in TABLES if t in LAST]
+    return HEAD + "".join(f"\n[{table}]\n{_keys(declared(table))}" for table in ordered)
+
+
+def _keys(keys: dict[str, Param]) -> str:
+    return "".join(f"# {_line(name, param)}  # {_about(param)}\n" for name, param in keys.items())
+
+
+def _line(name: str, param: Param) -> str:
+    return f"{name} = {value_text(param.value)}" if param.value is not None else f"{name} ="
+
+
+def _about(param: Param) -> str:
+    """Meaning, unit and range of a key in words.
+
+    >>> _about(Param(0.02, "m", "length", low=1e-4, high=1.0))
+    'length; m, 0.0001 to 1'
+    """
+    unit = "" if param.unit in ("", "1") else param.unit
+    low, high = (f"{v:g}" if abs(v) < float("inf") else "" for v in (param.low, param.high))
+    span = f"{low} to {high}" if low and high else f"from {low}" if low else ""
+    more = ", ".join(t for t in (unit, span if {"number", "amount"} & set(param.kinds) else "") if t)
+    return f"{param.about}; {more}" if more else param.about

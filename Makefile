@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 PIP := .venv/bin/python -m pip --disable-pip-version-check
 READY := .venv/.ready
 
-.PHONY: help demo test test-all attack bench-smoke coverage lint odes clean
+.PHONY: help demo test test-all attack bench-smoke coverage lint odes browser clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
@@ -39,6 +39,13 @@ lint: $(READY)  ## ruff: rules and format; mypy: types
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy flashtemp
 
+# The page is tested in the distribution's own Chromium; where there is none its tests in the browser are skipped.
+browser: | .venv/bin/pip
+	@root=env; [ $$(id -u) = 0 ] || root="sudo -n env"; \
+	if ! command -v chromium-headless-shell chromium >/dev/null && command -v apt-get >/dev/null && $$root true 2>/dev/null; then \
+		$$root $(APT) install -y --no-install-recommends chromium-headless-shell || true; \
+	fi
+
 clean:  ## remove .venv and everything built or cached, but no results
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis .coverage .coverage.*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -51,7 +58,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 $(READY): pyproject.toml | .venv/bin/pip
 	$(PIP) install --quiet --upgrade pip
 	$(PIP) install --quiet --editable '.[test,dev]'
-	@$(MAKE) --no-print-directory odes
+	@$(MAKE) --no-print-directory odes browser
 	@touch $@
 
 # scikits-odes is compiled on the system's SUNDIALS: 3.0 on SUNDIALS 6 (Python <= 3.12), 3.1 on 7.

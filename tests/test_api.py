@@ -50,7 +50,8 @@ TALL, WIDE = 45, 220  # lines and columns of one screen; long remarks wrap
 
 def commands() -> dict[str, inspect.Signature]:
     """Every command of the command line by its name."""
-    return {name: inspect.signature(app[name].default_command) for name in app if not name.startswith("-")}
+    named = [name for name in app if not name.startswith("-") and name != "lab"]  # a page is no call
+    return {name: inspect.signature(app[name].default_command) for name in named}
 
 
 def call_of(command: str):
@@ -112,6 +113,7 @@ CALLS = {  # every public call on something small
     "import_recording": lambda lab: flashtemp.import_recording(
         next((lab / "twin").glob("*.nc")), view="sidewall", out=lab / "side.nc"
     ),
+    "new": lambda lab: flashtemp.new("campaign", out=lab / "begun.toml"),
     "look": lambda lab: flashtemp.look(next((lab / "twin").glob("*sidewall.nc"))),
     "friction": lambda lab: flashtemp.friction(THEORY, slowest=1e-3, fastest=1.0),
     "area": lambda lab: flashtemp.area(THEORY),

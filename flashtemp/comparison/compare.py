@@ -22,6 +22,7 @@ from flashtemp.solver.run import Run
 
 MARGIN = 3.0  # pixels of road simulated beyond the last one seen
 ROUNDED = 1e-4  # of the schedule: times in tables are rounded
+LATE = 0.1  # s that the clock of a load cell may run beyond the end: what comes then is left out
 SURE = 4.0  # standard errors of a correlation that white noise does not reach
 
 
@@ -316,12 +317,12 @@ def pull(run: Run, force: Force) -> Pulling:
 def grip(run: Run, force: Force) -> tuple[np.ndarray, np.ndarray]:
     """Which readings (n,) of a load cell were taken while the block slides, and the friction predicted for them."""
     good, time = np.isfinite(run.friction), np.array(force.time)
-    if time[-1] > run.time[-1] * (1 + ROUNDED):
+    if time[-1] > run.time[-1] + LATE:
         raise BadInput(
             f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
             f"{run.time[-1]:g} s; mend schedule.* in with, or the table"
         )
-    on = np.interp(time, run.time, run.sliding.astype(float)) > 0.99
+    on = (np.interp(time, run.time, run.sliding.astype(float)) > 0.99) & (time <= run.time[-1] * (1 + ROUNDED))
     if not on.any():
         raise BadInput(f"{force.file}: time_s: no reading was taken while the block slides; check the times")
     return on, np.interp(time, run.time[good], run.friction[good])

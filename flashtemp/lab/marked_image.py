@@ -77,7 +77,7 @@ class MarkedImage:
                 self.height = ui.number("block height, mm", value=height, min=0.1, on_change=lambda: self._moved())
                 self.up = ui.select(
                     list(WAYS), value=self.facts.up or "up", label="up is", on_change=lambda: self._moved()
-                )
+                ).classes("w-32")
         with ui.grid(columns=3).classes("items-center gap-x-2 gap-y-0"):
             for n in FOUR:
                 ui.label(n).style(f"border-left: 6px solid {COLOURS[n]}; padding-left: 6px").classes("text-sm")

@@ -15,7 +15,9 @@ Pixel = tuple[float, float]  # column, row; the middle of the upper left pixel i
 WAYS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "up": (0.0, -1.0), "down": (0.0, 1.0)}
 TWO = ("leading edge", "trailing edge")  # both at the interface
 FOUR = ("leading edge", "trailing edge", "trailing edge, top", "leading edge, top")
-ONSET, QUIET, APART = 0.3, 5, 5  # of the steepest rise; frames that are averaged; and those between two starts
+SPAN = 6  # images over which a slope is taken, before and after
+ONSET, SURE = 0.35, 5.0  # of the sharpest turn; standard errors that a turn must have
+MAD = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True)
@@ -78,25 +80,45 @@ def _px(value: float) -> float:
 
 
 def onsets(time: Array, mean: Array) -> list[float]:
-    """Times (s) at which the mean of the images begins to rise steeply: starts of sliding, to be confirmed.
+    """Times (s) at which the mean of the images turns sharply upwards: starts of sliding, to be confirmed.
 
     >>> t = np.arange(0.0, 40.0, 0.5)
     >>> rise = np.where(t % 20 < 8, np.sqrt(np.maximum(t % 20 - 4, 0)), 2.0 * np.exp(-(t % 20 - 8) / 5))
     >>> onsets(t, rise)
     [4.0, 24.0]
     """
-    if len(time) < 2 * QUIET:
+    n = len(time)
+    if n < 2 * SPAN + 1:
         return []
-    rate = np.diff(mean) / np.maximum(np.diff(time), 1e-12)
-    steep = float(np.nanpercentile(rate, 98))
-    scatter = 1.4826 * float(np.nanmedian(np.abs(rate - np.nanmedian(rate))))
-    if not steep > max(0.0, 4.0 * scatter / QUIET**0.5):
-        return []
-    rising = rate > ONSET * steep
+    before = np.array([_slope(time[k - SPAN : k + 1], mean[k - SPAN : k + 1]) for k in range(SPAN, n - SPAN)])
+    after = np.array([_slope(time[k : k + SPAN + 1], mean[k : k + SPAN + 1]) for k in range(SPAN, n - SPAN)])
+    jump = after - before
+    step = float(np.median(np.diff(time)))
+    noise = MAD * float(np.median(np.abs(np.diff(mean, 2)))) / 6.0**0.5  # of one image's mean
+    error = noise / step * (24.0 / SPAN**3) ** 0.5  # of a difference of two slopes
+    least = max(SURE * error, ONSET * float(jump.max()))
     found: list[int] = []
-    for k in np.flatnonzero(rising):
-        before = rate[max(0, k - QUIET) : k]
-        fresh = not len(before) or float(np.nanmedian(before)) < 0.5 * ONSET * steep
-        if fresh and (not found or k - found[-1] >= APART):
+    for k in np.argsort(-jump):
+        if jump[k] < least or jump[k] <= 0.0:
+            break
+        if after[k] > 0.0 and all(abs(k - other) > SPAN for other in found):
             found.append(int(k))
-    return [float(time[k]) for k in found]
+    return [float(time[_turn(time, mean, k + SPAN)]) for k in sorted(found)]
+
+
+def _turn(time: Array, mean: Array, near: int) -> int:
+    """The image at which a rise that goes as sqrt(t) begins, by least squares over those about it."""
+
+    def left(k: int) -> float:
+        part = slice(max(0, near - SPAN), near + SPAN + 1)
+        t, y = time[part] - time[k], mean[part]
+        A = np.stack([np.ones(len(t)), t, np.sqrt(np.maximum(t, 0.0))], axis=1)
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    return min(range(near - SPAN // 2, near + SPAN // 2 + 1), key=left)
+
+
+def _slope(t: Array, y: Array) -> float:
+    """Least-squares slope."""
+    dt = t - t.mean()
+    return float(dt @ y / max(dt @ dt, 1e-300))

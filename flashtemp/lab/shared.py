@@ -30,7 +30,7 @@ def frame(here: str, folder: Path) -> Iterator[None]:
         for name, target in PAGES.items():
             ui.link(name, target).classes(f"text-white no-underline {'font-bold underline' if name == here else ''}")
         ui.space()
-        ui.label(str(folder)).classes("text-sm opacity-80 break-all")
+        ui.label(folder.name).classes("text-sm opacity-80 break-all").tooltip(str(folder))
     with ui.column().classes("w-full max-w-screen-2xl mx-auto gap-4 p-2"):
         yield
 

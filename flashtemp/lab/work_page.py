@@ -10,7 +10,7 @@ from nicegui import ui
 
 from flashtemp.lab.folder import RESULTS, free_name, inside, listing
 from flashtemp.lab.jobs import Job, Jobs, shown
-from flashtemp.lab.shared import command_line, link, when_it_fails
+from flashtemp.lab.shared import STANDARD, command_line, link, when_it_fails
 from flashtemp.runs.folders import owner
 
 COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")
@@ -31,7 +31,9 @@ class WorkPage:
         with ui.card().classes("w-full"):
             with ui.row().classes("w-full items-end"):
                 chosen = command if command in COMMANDS else "run"
-                self.command = ui.select(list(COMMANDS), value=chosen, label="command", on_change=lambda: self._asked())
+                self.command = ui.select(
+                    list(COMMANDS), value=chosen, label="command", on_change=lambda: self._asked()
+                ).classes("w-40")
                 self.of = ui.select(self._files(chosen, of), value=of or None, label="of", with_input=True).classes(
                     "w-80"
                 )
@@ -49,9 +51,7 @@ class WorkPage:
         """What the command can be given."""
         found = listing(self.folder)
         kind = found.campaigns if command in ("compare", "discover", "plan") else found.cases
-        names = [
-            str(p.parent) if p.name in ("case.toml", "campaign.toml") and p.parent != Path() else str(p) for p in kind
-        ]
+        names = [str(p.parent) if p.name in STANDARD and p.parent != Path() else str(p) for p in kind]
         return list(dict.fromkeys([*([of] if of else []), *names]))
 
     def _asked(self) -> None:
@@ -68,7 +68,7 @@ class WorkPage:
         if not of:
             return []
         path = Path(of)
-        name = path.parent.name if path.name in ("case.toml", "campaign.toml") else path.stem
+        name = (path.parent.name if path.name in STANDARD else "") or path.stem
         out = [] if "--out" in more else ["--out", f"results/{free_name(self.folder / 'results', f'{name}-{command}')}"]
         return [command, of, *more, *out]
 

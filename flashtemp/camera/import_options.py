@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.model import units
 from flashtemp.model.case_file import read_toml
 
 CHOICES = {
@@ -17,6 +18,11 @@ CHOICES = {
     "decimal": ("comma", "point"),
     "dead_pixels": ("find", "keep"),
 }
+UNITS = {  # of facts that are numbers
+    "mm_per_pixel": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s", "emissivity": "1",
+    "reflected": "degC", "air": "degC", "humidity": "1", "distance": "m", "window": "1", "window_temperature": "degC",
+    "offset": "degC", "below": "degC", "exposure": "s", "psf_sigma": "px", "registration_sigma": "px",
+}  # fmt: skip
 Direction = Literal["right", "left", "up", "down"]
 
 
@@ -286,6 +292,11 @@ def _row(key: str, value: Any, length: int | None) -> tuple[float, ...]:
 
 
 def _number(key: str, value: Any) -> float:
+    if units.meant(value) and key.split(".")[-1] in UNITS:
+        try:
+            return units.plain(value, UNITS[key.split(".")[-1]])
+        except BadInput as fault:
+            raise BadInput(f"{key}: {fault}") from fault
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value or abs(value) == float("inf"):
         raise BadInput(f"{key}: {value!r}; give a number")
     return float(value)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.model import units
 
 KEYS = {  # of one point: unit, lowest, highest value, default
     "x": ("m", -1.0, 10.0, 0.0),
@@ -68,13 +69,15 @@ def of_rows(rows: Any, key: str = "points") -> Places:
     """Places from tables such as { z = 0.00572, lag_s = 0.5 }; `name` counts from 1 unless given.  Raises BadInput."""
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise BadInput(f"{key}: {rows!r}; give a table per point, for example [{{ x = 0.01, z = 0.002 }}]")
-    known = ["name", *KEYS]
+    known, rows = ["name", *KEYS], [dict(row) for row in rows]
     for number, row in enumerate(rows, 1):
-        for name, value in row.items():
+        for name, value in [*row.items()]:
             if name not in known:
                 raise BadInput(f"{key}: point {number}: {name}: unknown key{nearest(name, known)}")
             if name == "name" and not isinstance(value, str):
                 raise BadInput(f"{key}: point {number}: name: {value!r}; give text in quotes")
+            if name != "name" and units.meant(value):
+                row[name] = value = _in_unit(key, number, name, value)
             if name != "name" and (isinstance(value, bool) or not isinstance(value, (int, float))):
                 raise BadInput(f"{key}: point {number}: {name}: {value!r}; give a number ({KEYS[name][0]})")
         if "z" not in row:
@@ -84,6 +87,13 @@ def of_rows(rows: Any, key: str = "points") -> Places:
         return of_arrays(names, {k: [row.get(k, d) for row in rows] for k, (_, _, _, d) in KEYS.items()})
     except BadInput as fault:
         raise BadInput(*(f"{key}: {line}" for line in fault.lines)) from fault
+
+
+def _in_unit(key: str, number: int, name: str, value: str) -> float:
+    try:
+        return units.plain(value, KEYS[name][0], difference=True) if name in KEYS else float("nan")
+    except BadInput as fault:
+        raise BadInput(f"{key}: point {number}: {name}: {fault}") from fault
 
 
 def of_arrays(names: Sequence[str], given: dict[str, Any]) -> Places:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput, nearest, short
-from flashtemp.model import priors
+from flashtemp.model import priors, units
 from flashtemp.model.schema import APART, MATERIAL, TABLES, declared, fault
 from flashtemp.physics.effect import Effect, Param
 
@@ -196,7 +196,7 @@ class Reader:
                 if param.value is None and keys is MATERIAL:
                     self.fault(table, f"{key} is missing; give it in {param.unit}")
                 continue
-            value = self._plain(table, key, param, given[key])
+            value = self._in_unit(table, key, param, self._plain(table, key, param, given[key]))
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:
                 value = float("inf")
             if said := fault(param, value):
@@ -208,11 +208,25 @@ class Reader:
         """The value itself of what a case gives as { value, sd }, whose sd is noted."""
         if not priors.stated(given):
             return given
+        sd = self._in_unit(table, key, param, given["sd"], difference=True)
+        given = given | {"sd": sd, "value": self._in_unit(table, key, param, given.get("value"))}
         if said := priors.fault(param, table, given):
             self.fault(f"{table}.{key}", said)
             return param.value
         self.priors[f"{table}.{key}"] = float(given["sd"])
         return given["value"]
+
+    def _in_unit(self, table: str, key: str, param: Param, value: Any, difference: bool = False) -> Any:
+        """A number of a text with its unit, and of all in a list; other values as they are."""
+        if isinstance(value, list) and "amounts" in param.kinds:
+            return [self._in_unit(table, key, param, v) for v in value]
+        if not units.meant(value) or not {"number", "amount", "amounts"} & set(param.kinds):
+            return value
+        try:
+            return units.plain(value, param.unit, difference)
+        except BadInput as fault:
+            self.fault(f"{table}.{key}", str(fault))
+            return param.value
 
     def free(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
         """The keys that a fit may move; friction.mu where the case does not say."""

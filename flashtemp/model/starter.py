@@ -7,7 +7,7 @@ from flashtemp.model.toml_value import value_text
 from flashtemp.physics.effect import Param
 
 HEAD = """\
-# A case of flashtemp: `flashtemp check FILE`, `flashtemp run FILE`.  SI units; temperatures in degC.
+# A case of flashtemp: `flashtemp check FILE`, `flashtemp run FILE`.  SI units, temperatures in degC; or "25 mm".
 # Every key stands here with its default.  Take the # away to change one; what is not given keeps its default.
 title = "my case"
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
-from flashtemp.model import case_file, schema
+from flashtemp.model import case_file, schema, units
 from flashtemp.runs.kept_points import computed, resumable
 from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
@@ -139,13 +139,7 @@ def plan(
 
     Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
     """
-    swept, given = {key: tuple(values) for key, values in axes.items()}, dict(fixed or {})
-    if not swept:
-        raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
-    for key, values in swept.items():
-        if any(v in values[:i] for i, v in enumerate(values)):
-            text = ",".join(map(str, values))
-            raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
+    given = dict(fixed or {})
 
     def made(more: dict[str, Any]) -> cases.Case:
         return (
@@ -154,6 +148,16 @@ def plan(
             else cases.load(case, given | more, trust=trust)
         )
 
+    def plain(key: str, value: Any) -> Any:
+        return made({key: value})[key] if units.meant(value) else value
+
+    swept = {key: tuple(plain(key, v) for v in values) for key, values in axes.items()}
+    if not swept:
+        raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
+    for key, values in swept.items():
+        if any(v in values[:i] for i, v in enumerate(values)):
+            text = ",".join(map(str, values))
+            raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
     points = [  # copied, so that the many do not keep the scenes with which they were checked
         replace(made(dict(zip(swept, values, strict=True)))) for values in itertools.product(*swept.values())
     ]

@@ -1,0 +1,123 @@
+"""Numbers with units where a case, a campaign, a sweep or a template gives a number; results stay SI."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import pytest
+
+import flashtemp
+from flashtemp.__main__ import main
+from flashtemp.camera import import_options
+from flashtemp.camera.points import of_rows
+from flashtemp.errors import BadInput
+from flashtemp.model import units
+from flashtemp.model.schema import APART, MATERIAL, TABLES
+from flashtemp.physics.effect import catalogue
+from flashtemp.runs import sweep
+
+DECLARED = {
+    p.unit
+    for table in (*TABLES.values(), *APART.values(), MATERIAL, *(e.params() for e in catalogue().values()))
+    for p in table.values()
+    if {"number", "amount", "amounts"} & set(p.kinds) and p.unit
+}
+
+
+@pytest.fixture
+def case(tmp_path):
+    (tmp_path / "case.toml").write_text("")
+    return tmp_path / "case.toml"
+
+
+@pytest.mark.parametrize("unit", sorted(DECLARED))
+def test_every_declared_unit_is_known_as_it_is_written(unit):
+    """Ours first: W/mK is no milliwatt, no millikelvin; and pint agrees on its dimension."""
+    assert unit == "1" or units.plain(f"2.5 {unit}", unit) == 2.5
+    if unit not in units.ABSOLUTE:
+        _, registry = units._pint()
+        assert registry.Quantity(1.0, units._theirs(unit)).magnitude == 1.0
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "value"),
+    [
+        ("contact.pressure", "0.3MPa", 3e5), ("contact.pressure", "2 bar", 2e5), ("block.length", "25 mm", 0.025),
+        ("block.length", "1 inch", 0.0254), ("schedule.speed", "3.6 km/h", 1.0), ("schedule.wait", "2 min", 120.0),
+        ("ambient.temperature", "68 degF", 20.0), ("ambient.temperature", "300 K", 26.85), ("contact.spot_fraction", "20 %", 0.2),
+        ("ambient.convection", "20 W/(m^2 K)", 20.0), ("ambient.convection", "20 W/m2K", 20.0), ("numerics.atol", "3 mK", 3e-3),
+        ("contact.alpha", "inf", math.inf),
+    ],
+)  # fmt: skip
+def test_a_number_with_its_unit_is_the_number(case, key, text, value):
+    assert flashtemp.load(case, {key: text})[key] == pytest.approx(value, rel=1e-12)
+    assert flashtemp.load(case, [f"{key}={text}"])[key] == pytest.approx(value, rel=1e-12)
+    table, _, name = key.partition(".")
+    case.write_text(f'[{table}]\n{name} = "{text}"\n')
+    assert flashtemp.load(case)[key] == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("contact.pressure", "3 mm", "'3 mm' is no quantity in Pa"),
+        ("block.length", "3 furlings", "the unit 'furlings' is not known; give a number in m"),
+        ("contact.spot_fraction", "3 Pa", "is no quantity without a unit"),
+        ("block.length", "30 m", "30.0; give a number >= 0.0001 and <= 1 (m)"),
+        ("schedule.repetitions", "3 s", "give a whole number"),
+        ("block.material", "3 mm", "no material '3 mm'"),
+        ("block.length", "1e400 mm", "give a number"),
+    ],
+)  # fmt: skip
+def test_what_is_no_such_quantity_is_told_with_the_unit_expected(case, key, text, said):
+    with pytest.raises(BadInput) as fault:
+        flashtemp.load(case, {key: text})
+    assert any(part in str(fault.value) for part in said.split("|")), str(fault.value)
+    assert key in str(fault.value)
+
+
+def test_standard_deviations_have_units_too(case):
+    case.write_text(
+        '[block]\nlength = { value = "25 mm", sd = "0.2 mm" }\n[ambient]\ntemperature = { value = "68 degF", sd = "0.9 degF" }\n'
+    )
+    loaded = flashtemp.load(case)
+    assert loaded["block.length"] == 0.025
+    assert loaded.priors == pytest.approx({"block.length": 2e-4, "ambient.temperature": 0.5})
+
+
+def test_results_stay_plain(case):
+    """What is written out of a case holds SI numbers."""
+    text = flashtemp.load(case, {"contact.pressure": "0.3 MPa"}).toml({})
+    assert tomllib.loads(text)["contact"]["pressure"] == 3e5
+
+
+def test_a_sweep_has_plain_axes(case):
+    axes, fixed = sweep.parsed(["contact.pressure=0.1MPa,0.2MPa", "block.length=20 mm"])
+    asked = sweep.plan(case, axes, fixed)
+    assert asked.axes == {"contact.pressure": (1e5, 2e5)}
+    assert {p["block.length"] for p in asked.points} == {0.02}
+    with pytest.raises(BadInput, match="twice"):
+        sweep.plan(case, {"contact.pressure": ("0.1MPa", 1e5)}, {})
+
+
+def test_points_and_templates_take_units(tmp_path):
+    assert of_rows([{"x": "10 mm", "z": "2 mm", "lag_s": "500 ms"}]).as_rows()[0]["lag_s"] == 0.5
+    with pytest.raises(BadInput, match="point 1: z: '2 s' is no quantity in m"):
+        of_rows([{"z": "2 s"}])
+    (tmp_path / "t.toml").write_text(
+        'files = ["a.csv"]\nreflected = "293.15 K"\nfps = "30 Hz"\nblock = ["2.5 cm", 7]\n'
+    )
+    facts = import_options.load(tmp_path / "t.toml")[2]
+    assert (facts.reflected, facts.fps, facts.block) == (pytest.approx(20.0), 30.0, (25.0, 7.0))
+
+
+def test_a_file_is_no_quantity(case):
+    (case.parent / "2.csv").write_text("0,1e5\n1,2e5\n")
+    assert flashtemp.load(case, {"contact.pressure": "2.csv"})["contact.pressure"] == "2.csv"
+
+
+def test_the_command_line_takes_units(case, capsys):
+    assert main(["check", str(case), "contact.pressure=0.3MPa", "block.length=30 mm"]) == 0
+    assert main(["check", str(case), "contact.pressure=0.3 m"]) == 2
+    assert "contact.pressure (command line): '0.3 m' is no quantity in Pa" in capsys.readouterr().err

@@ -15,7 +15,7 @@ def main(argv: list[str] | None = None) -> int:
     asked = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in asked
     try:
-        with interruptible() as interrupts:
+        with interruptible(last=argv is None) as interrupts:
             try:
                 return _run([word for word in asked if word != "--debug"], debug)
             except Exception as fault:

@@ -52,8 +52,11 @@ def _loading(frame: FrameType | None) -> bool:
 
 
 @contextmanager
-def interruptible() -> Iterator[Interrupts]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards."""
+def interruptible(last: bool = False) -> Iterator[Interrupts]:
+    """SIGINT and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards.
+
+    After the `last` that a process does they are let pass: its exit code is known, and Python ends within moments.
+    """
     state = Interrupts()
     if threading.current_thread() is not threading.main_thread():
         yield state
@@ -67,4 +70,4 @@ def interruptible() -> Iterator[Interrupts]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = hook
         for s, handler in old.items():
-            signal.signal(s, handler)
+            signal.signal(s, signal.SIG_IGN if last and s != signal.SIGALRM else handler)

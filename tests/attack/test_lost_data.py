@@ -352,6 +352,19 @@ def until(true, seconds=20.0):
     return true()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_python_ends_does_not_change_how_a_command_ended(tmp_path, number):
+    """The work is done and its exit code known; by default the process would end by the signal instead."""
+    (tmp_path / "case.toml").write_text("")
+    program = (
+        "import atexit, os, sys; from flashtemp.__main__ import main;"
+        f"atexit.register(lambda: os.kill(os.getpid(), {int(number)}));"
+        "sys.argv = ['flashtemp', 'check', 'case.toml']; sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_workers_end_with_the_command(tmp_path, number):
     script, crowd = tmp_path / "lead.py", tmp_path / "crowd"

@@ -10,6 +10,10 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stdout
+from io import StringIO
+from multiprocessing import get_context
 from pathlib import Path
 
 import abrasion
@@ -70,13 +74,23 @@ SMALL: dict[str, Callable[[], list[Row]]] = {
 }
 
 
+def told(name: str) -> tuple[str, int]:
+    """What one benchmark prints, and 1 where a row is beyond its stated error."""
+    began, out = time.perf_counter(), StringIO()
+    with redirect_stdout(out):
+        print(f"--- {name}")
+        beyond = table(SMALL[name]())
+        print(f"    {time.perf_counter() - began:.1f} s")
+    return out.getvalue(), beyond
+
+
 def main() -> int:
+    """All of them, two at a time: errors are judged here, not times."""
     beyond = 0
-    for name, rows in SMALL.items():
-        began = time.perf_counter()
-        print(f"--- {name}", flush=True)
-        beyond |= table(rows())
-        print(f"    {time.perf_counter() - began:.1f} s", flush=True)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for text, one in pool.map(told, SMALL):
+            print(text, end="", flush=True)
+            beyond |= one
     return beyond
 
 

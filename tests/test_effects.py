@@ -212,7 +212,7 @@ ROOT = PACKAGE.parent
 EFFECTS = PACKAGE / "physics" / "effects"
 ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").glob("*.py")] if f.parent != EFFECTS]
 WORDS = {  # that are quantities or parts of a camera's image before they are effects, and where they are such
-    "emissivity": ("camera", "physics/quantities.py"),
+    "emissivity": ("camera", "physics/quantities.py", "lab/camera_page.py"),
     "blur": ("camera", "physics/quantities.py"),
     "radiation": ("camera/radiometry.py",),
     "registration": ("camera", "comparison/compare.py", "api/camera.py"),
@@ -225,6 +225,8 @@ NAMED = {  # modules that name an effect, and why they must
     "runs/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
     "runs/road.py": {"persson_friction"},  # writes a road's spectrum into that effect's keys
     "api/friction.py": {"persson_friction", "resolved_spots"},  # explains what a case needs for these studies
+    "model/starter.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
+    "api/starting.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
     "cli/friction.py": {"persson_friction"},  # helps of commands that serve one effect
     "cli/road.py": {"persson_friction", "resolved_spots"},
     "physics/friction/friction_table.py": {"persson_friction"},  # the table is that effect's

@@ -312,6 +312,7 @@ def test_from_python_it_shows_itself():
     np.testing.assert_array_equal(shared.first, shared.total)
 
 
+@pytest.mark.long  # an interrupted sweep goes on by the same code
 def test_an_interrupted_sample_goes_on(tmp_path):
     """Ctrl-C after three of twelve runs: they are kept, the same call marches the others, and the answer is the same."""
     out, seen = tmp_path / "out", []

@@ -197,7 +197,7 @@ def test_trace_with_a_block_that_rests_on_the_road(resting, key):
         ),
     ],
 )
-@pytest.mark.sample("wear-begins")
+@pytest.mark.long  # traces of single parameters are quicker siblings
 def test_trace_beside_effects_that_remember(given, keys):
     hood = traces(given, keys)
     for key in keys:

@@ -184,6 +184,7 @@ def test_past_a_diameter_friction_is_hot(law):
     np.testing.assert_allclose((cold - path.mu[-1]) / (cold - hot), 1.0, atol=0.01)
 
 
+@pytest.mark.long  # the way from the cold to the hot branch is its quicker sibling
 def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     """C27, within a factor of two, with the theory's contact fraction."""
     ratios = {}

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from flashtemp.camera.geometry import _interpolated
-from flashtemp.camera.observation import pixel_weights
-from flashtemp.camera.placement import Place, arms, turned
+from flashtemp.camera.placement import Place, turned
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
@@ -63,26 +62,6 @@ def test_a_turned_image_shows_a_round_hill_where_it_lies(degrees):
     np.testing.assert_allclose(seen_turned(degrees)[near], wanted[near], atol=1e-4 + second)
 
 
-def test_columns_of_scale_and_turn_are_differences_of_images():
-    u, v = U, V
-    blank = Recording("sidewall", np.full((1, len(v), len(u)), 20.0), np.ones(1), np.ones(1, int), u, v)
-    su, sv, tu, tv = arms(blank, 2 * MIDDLE)
-    along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
-    field = bump(along[None], up[:, None])
-
-    def image(u, v, pitch=PITCH):
-        return pixel_weights(v, pitch, WIDTH, up) @ field @ pixel_weights(u, pitch, WIDTH, along).T
-
-    step = 1e-6
-    Du = (image(u + step, v) - image(u - step, v)) / (2 * step) * PITCH
-    Dv = (image(u, v + step) - image(u, v - step)) / (2 * step) * PITCH
-    near = np.ix_((v > 1e-3) & (v < 6e-3), (u > 0.012) & (u < 0.024))
-    scaled = (image(u * 1.0005, v * 1.0005) - image(u * 0.9995, v * 0.9995)) / 1e-3
-    np.testing.assert_allclose((su * Du + sv * Dv)[near], scaled[near], atol=2e-3 * abs(scaled).max())
-    turn = (seen_turned(0.03) - seen_turned(-0.03)) / np.radians(0.06)
-    np.testing.assert_allclose((tu * Du + tv * Dv)[near], turn[near], atol=2e-3 * abs(turn).max())
-
-
 def test_a_mirrored_recording_is_its_own_mirror():
     T = np.random.default_rng(1).normal(size=(2, 3, 5)) + 20.0
     r = Recording(
@@ -129,6 +108,28 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
     assert abs(scale - (1.0 / 1.008 - 1.0)) < 4.0 * base.solution.sd(p)
     assert base.solution.sd(p) < 3e-3  # the data know it
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
+
+
+@pytest.mark.parametrize("kind", [Kind.SCALE, Kind.TURN])
+@pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.006, 0.012, 0.4)])
+def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
+    """Wherever the image lies already: pixels that are larger also see more at once."""
+    scale, turn, shift = where
+    problem = prepare(tiny, lambda tasks: [prediction.predict(t) for t in tasks])
+    [view] = tiny.views
+    p, step = ParameterId(kind, file=view.file), 2e-4
+    model = problem.start.moved(ParameterId(Kind.SCALE, file=view.file), scale)
+    model = replace(model.moved(ParameterId(Kind.TURN, file=view.file), turn), shifts={view.file: (shift, 0.0)})
+
+    def seen(model, **derivatives):
+        [made] = problem.predictions(problem.tasks(model, prediction.Derivatives(**derivatives)))
+        return made.observables[view.file]
+
+    there = seen(model, own=problem.free, optics=True)
+    ahead, behind = (seen(model.moved(p, s)).values[:, there.inside] for s in (step, -step))
+    slope = (ahead - behind) / (2.0 * step)
+    off = there.columns[ParameterId(kind)] - slope
+    assert np.sqrt(np.mean(off**2)) < 2e-4 * np.sqrt(np.mean(slope**2))
 
 
 # --- priors that a campaign states ----------------------------------------------------------------------------
@@ -201,8 +202,19 @@ def test_none_is_needed_only_where_every_trace_was_judged():
     assert open_search(7.0) == "none_needed"
     judged = {frozenset({"edge_pressure"}): SimpleNamespace(usable=True, converged=True)}
     assert open_search(228.0, fits=judged) == "none_needed"  # its full fit says that it is nothing
-    wandering = {frozenset({"edge_pressure"}): SimpleNamespace(usable=False, converged=False)}
+    wandering = {frozenset({"edge_pressure"}): SimpleNamespace(usable=False, converged=False, ln_evidence=0.0)}
     assert open_search(228.0, fits=wandering) == "unexplained"
+
+
+def test_nothing_is_named_beside_a_fit_that_explains_more_and_did_not_end():
+    base = SimpleNamespace(converged=True, usable=True, ln_evidence=0.0, model=Model())
+    best = SimpleNamespace(converged=True, usable=True, ln_evidence=770.0, model=Model())
+    for gain, usable, kind in ((844.0, False, "no_verdict"), (771.0, False, "named"), (844.0, True, "named")):
+        rival = SimpleNamespace(usable=usable, ln_evidence=gain)
+        search = Search(None, None, {}, base, best, {frozenset({"track_memory"}): rival})
+        assert discover._honest("named", search, True) == kind
+    assert "track_memory did not come to an end" in discover._why_none(replace(search, fits={
+        frozenset({"track_memory"}): SimpleNamespace(usable=False, ln_evidence=844.0)}))[0]  # fmt: skip
 
 
 # --- whole campaigns (long) -----------------------------------------------------------------------------------

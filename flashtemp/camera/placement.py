@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import erfc
 
 from flashtemp.camera.recording import Recording
@@ -26,8 +25,8 @@ class Place:
     What is told at u = u0 + x, v = y lies at u0 + (1 + scale)(x cos turn - y sin turn), (1 + scale)(y cos + x sin).
     """
 
-    scale: float = 0.0
-    turn: float = 0.0
+    scale: Any = 0.0  # both complex for derivatives
+    turn: Any = 0.0
 
 
 AS_TOLD = Place()
@@ -43,20 +42,6 @@ def corner(recording: Recording, length: float) -> float:
 def pivot(recording: Recording, length: float) -> float:
     """u (m) about which an image is turned: the middle of the block, or the edge that a wake begins at."""
     return 0.5 * length if recording.view != "wake" else corner(recording, length)
-
-
-def arms(recording: Recording, length: float) -> tuple[npt.NDArray[np.float64], ...]:
-    """What a pixel moves by, in px along u and v (nv, nu), per unit of scale and per rad of turn."""
-    (pu, pv), u, v = _finite(recording), recording.u[None], recording.v[:, None]
-    from_corner, from_pivot, up = u - corner(recording, length), u - pivot(recording, length), v + 0.0 * u
-    return (from_corner + 0.0 * v) / pu, up / pv, -up / pu, (from_pivot + 0.0 * v) / pv
-
-
-def _finite(recording: Recording) -> tuple[float, float]:
-    """Pixel pitch along u and v, m; that of the other axis, or 0.1 mm, where there is one pixel."""
-    known = [p for p in recording.pitch if np.isfinite(p)]
-    pu, pv = (p if np.isfinite(p) else (*known, 1e-4)[0] for p in recording.pitch)
-    return float(pu), float(pv)
 
 
 def ramp(x: Any, s: Any) -> tuple[Any, Any]:
@@ -137,7 +122,7 @@ def _sparse(at: Any, nodes: Any, optics: Any, column: Any, size: int) -> Any:
     from scipy.sparse import csr_array
 
     pitch, sigma = optics
-    reach = 0.5 * pitch + REACH * float(np.real(sigma))
+    reach = 0.5 * float(np.real(pitch)) + REACH * float(np.real(sigma))
     flat = at.ravel()
     first = np.clip(np.searchsorted(nodes, np.real(flat) - reach) - 1, 0, len(nodes) - 2)
     last = np.clip(np.searchsorted(nodes, np.real(flat) + reach) + 1, 2, len(nodes))

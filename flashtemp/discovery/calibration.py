@@ -24,6 +24,7 @@ LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
 CHORD, CONTRACTS = 0.1, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
+KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
@@ -64,7 +65,7 @@ class Fit:
     @property
     def usable(self) -> bool:
         """Whether it is near enough to its best point to be compared and extended."""
-        return self.history[-1] < LOOSE
+        return self.history[-1] < LOOSE or self.promise < KNOWN
 
     @property
     def hopeless(self) -> bool:
@@ -166,7 +167,7 @@ class Descent:
         """The next state from the columns at the present point."""
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
-        value, chi2 = _standing(system, found.priors, list(steps))
+        value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in PLACED])  # these stay columns
         if self.best is not None and value < self.best.ln_evidence - WORSE:
             return self.retreat(self.best.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)

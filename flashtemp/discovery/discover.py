@@ -130,7 +130,7 @@ def _verdict(search: Search) -> Verdict:
         open_ends={" with ".join(sorted(names)): gain for names, gain in search.open_ends.items()},
     )
     says = wording.says(verdict, problem.case.known)
-    return replace(verdict, says=(*wording.not_converged(search.best), *says) if kind == "no_verdict" else says)
+    return replace(verdict, says=(*_why_none(search), *says) if kind == "no_verdict" else says)
 
 
 def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
@@ -156,7 +156,7 @@ def _foretells(verdict: Verdict) -> bool:
 def _honest(kind: str, search: Search, found: bool) -> str:
     """A kind of verdict that says no more than was done: without certificate none, with open ends not that none is
     needed; errors of the laboratory and held keys count as named."""
-    if not search.best.converged:
+    if not search.best.converged or search.unsettled:
         return "no_verdict"
     if kind != "none_needed":
         return kind
@@ -165,6 +165,13 @@ def _honest(kind: str, search: Search, found: bool) -> str:
     if search.held_key is not None:
         return "held_key"
     return "named" if found else kind
+
+
+def _why_none(search: Search) -> tuple[str, ...]:
+    """Why there is no verdict."""
+    if search.best.converged:
+        return tuple(wording.not_settled(names, gain) for names, gain in search.unsettled.items())
+    return wording.not_converged(search.best)
 
 
 def _held(search: Search) -> Held | None:

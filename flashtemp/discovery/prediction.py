@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.observation import observe
-from flashtemp.camera.placement import Kept, arms
+from flashtemp.camera.placement import Kept, Place
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
@@ -217,7 +217,7 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
-        shift: Any = shift, change: Any = 0.0,
+        shift: Any = shift, change: Any = 0.0, place: Place = place,
     ) -> Array:  # fmt: skip
         T = observe(run, scene, recording, acting, shift, change, place, kept).temperature
         return T if view.means is None else view.means.of(recording.time, T)
@@ -240,7 +240,7 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
         if p.kind is Kind.EFFECT and p not in columns:
             keep(p, _refined(point, see, p, seen.temperature))
     if asked.optics:
-        for name, change in _optics(see, recording, shift, scene.length).items():
+        for name, change in _optics(see, recording, shift, place, scene.length).items():
             keep(name, change)
     if asked.laboratory:
         earlier = see(recording=replace(recording, time=recording.time - LAG))
@@ -272,7 +272,9 @@ def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Arr
     return (see(acting=(*others, moved)) - plain) / step
 
 
-def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float], length: float) -> Columns:
+def _optics(
+    see: Callable[..., Array], recording: Any, shift: tuple[float, float], place: Place, length: float
+) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
     out: Columns = {}
     if recording.places is not None:
@@ -284,10 +286,10 @@ def _optics(see: Callable[..., Array], recording: Any, shift: tuple[float, float
             slopes[axis] = see(shift=moved).imag / STEP
             if recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
                 out[ParameterId(SHIFTS[axis])] = slopes[axis]
-    su, sv, tu, tv = arms(recording, length)
-    out[ParameterId(Kind.SCALE)] = su * slopes[0] + sv * slopes[1]
+    larger, further = replace(place, scale=place.scale + 1j * STEP), replace(place, turn=place.turn + 1j * STEP)
+    out[ParameterId(Kind.SCALE)] = see(place=larger).imag / STEP
     if len(recording.u) > 1 and len(recording.v) > 1:
-        out[ParameterId(Kind.TURN)] = tu * slopes[0] + tv * slopes[1]
+        out[ParameterId(Kind.TURN)] = see(place=further).imag / STEP
     if recording.view != "profile":
         out[ParameterId(Kind.GAIN)] = see(change=1j * STEP).imag / STEP
     if recording.psf_sigma_px:

@@ -76,6 +76,13 @@ class Search:
         }
 
     @property
+    def unsettled(self) -> dict[frozenset[str], float]:
+        """Groups of effects whose full fits did not come to an end and yet explain more than the best, with by how
+        much (ln Bayes factor)."""
+        gains = {names: f.ln_evidence - self.best.ln_evidence for names, f in self.fits.items() if not f.usable}
+        return {names: gain for names, gain in gains.items() if gain > APART}
+
+    @property
     def extended(self) -> list[Fit]:
         """Fits that hold more effects than the present best and are near their best point."""
         return [f for k, f in self.fits.items() if len(k) > len(self.best.model.effects) and f.usable]

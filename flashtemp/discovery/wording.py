@@ -219,6 +219,14 @@ def _sentence(c: Cause) -> str:
     return f"Cause: {c.words}; {numbers}."
 
 
+def not_settled(names: frozenset[str], gain: float) -> str:
+    """Why there is no verdict though a fit came to its end."""
+    return (
+        f"The full fit of {' with '.join(sorted(names))} did not come to an end and yet explains more than the best"
+        f" that did (ln Bayes factor {gain:.3g}): nothing is named."
+    )
+
+
 def not_converged(fit: Fit) -> tuple[str, ...]:
     """Why there is no verdict."""
     return (

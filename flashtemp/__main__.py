@@ -7,15 +7,28 @@ import sys
 
 from flashtemp.cli.ending import DONE, ended
 from flashtemp.cli.interrupts import interruptible
+from flashtemp.cli.log_file import logged, split
 from flashtemp.errors import BadInput, FlashtempError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command and return its exit code (contract 5.1); with --debug a fault shows where it arose."""
-    asked = list(sys.argv[1:] if argv is None else argv)
+    """Run one command and return its exit code (contract 5.1); with --debug a fault shows where it arose.
+
+    With --log FILE everything that is said goes to the end of that file too.
+    """
+    try:
+        asked, log = split(list(sys.argv[1:] if argv is None else argv))
+        with logged(log, asked):
+            return _ended(asked, argv is None)
+    except (BadInput, OSError) as fault:  # of the log itself
+        return ended(fault)
+
+
+def _ended(asked: list[str], last: bool) -> int:
+    """One command from its first moment to its exit code."""
     debug = "--debug" in asked
     try:
-        with interruptible(last=argv is None) as interrupts:
+        with interruptible(last) as interrupts:
             try:
                 return _run([word for word in asked if word != "--debug"], debug)
             except Exception as fault:

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from flashtemp.__main__ import main
 from flashtemp.cli import terminal
 
 
@@ -41,3 +42,25 @@ def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):
 
 def test_what_is_short_says_nothing(clock, capsys):
     assert lines(clock, capsys, 5) == []
+
+
+def test_everything_said_goes_to_a_log_too(tmp_path, capsys):
+    (tmp_path / "case.toml").write_text("")
+    log = tmp_path / "all.log"
+    assert main(["check", str(tmp_path), "--log", str(log)]) == 0
+    assert main(["check", str(tmp_path), "contact.pressure=-1", f"--log={log}"]) == 2
+    said = capsys.readouterr()
+    text = log.read_text()
+    assert text.count("# 20") == 2
+    for line in (*said.out.splitlines(), *said.err.splitlines()):
+        assert line in text
+    assert "contact.pressure" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["check", ".", "--log"], "--log: missing"), (["check", ".", "--log", "/no/such/a.log"], "No such file")],
+)
+def test_a_log_that_cannot_be_written_is_told(capsys, words, told):
+    assert main(words) == 2
+    assert told in capsys.readouterr().err

@@ -11,16 +11,17 @@ __all__ = ["COMMANDS", "CycloptsError", "app"]
 app = App(
     name="flashtemp",
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
-    help_epilogue="Any command with --debug shows where in the program a fault arose.",
+    help_epilogue="Any command with --debug shows where in the program a fault arose; with --log FILE everything that"
+    " it says goes to that file too.",
     suppress_keyboard_interrupt=False,  # told below
 )
-COMMANDS = (
-    starting.new,
-    simulate.run, studies.sweep, simulate.draw, simulate.view, simulate.check, studies.converge, effects.effects,
-    studies.repetitions, studies.wait, studies.sensitivity,
-    campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
-    road.spots, road.spectrum, tyre.tread, tyre.tyre, friction.friction, friction.loads, laboratory.lab,
+COMMANDS = (  # in the order of use
+    starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab,
+    studies.sweep, studies.converge, studies.sensitivity,
+    camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+    studies.repetitions, studies.wait, effects.effects,
+    friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre,
 )  # fmt: skip
-for _command in COMMANDS:
-    app.command(_command)
-app.command(camera.import_, name="import")
+for _number, _command in enumerate(COMMANDS):
+    app.command(_command, name=_command.__name__.rstrip("_"), sort_key=_number)
+app.register_install_completion_command(sort_key=len(COMMANDS))

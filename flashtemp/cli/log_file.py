@@ -1,0 +1,68 @@
+"""`--log FILE`: everything that a command says goes to a file too, with the command line above it."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from typing import IO, Any
+
+from flashtemp.errors import BadInput
+
+OPTION = "--log"
+
+
+class Both:
+    """A stream that writes into two; no terminal, so that progress comes as lines."""
+
+    def __init__(self, first: Any, log: IO[str]):
+        self.first, self.log = first, log
+
+    def write(self, text: str) -> int:
+        """Into both."""
+        self.log.write(text)
+        return int(self.first.write(text))
+
+    def flush(self) -> None:
+        """Both."""
+        self.log.flush()
+        self.first.flush()
+
+    def isatty(self) -> bool:
+        """Never."""
+        return False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.first, name)
+
+
+def split(words: list[str]) -> tuple[list[str], str | None]:
+    """The words without `--log FILE`, and the file.  Raises BadInput.
+
+    >>> split(["run", "case", "--log", "a.log"]), split(["run", "--log=a.log"]), split(["run"])
+    ((['run', 'case'], 'a.log'), (['run'], 'a.log'), (['run'], None))
+    """
+    for k, word in enumerate(words):
+        if word.startswith(f"{OPTION}="):
+            return words[:k] + words[k + 1 :], word.removeprefix(f"{OPTION}=")
+        if word == OPTION:
+            if k + 1 == len(words):
+                raise BadInput(f"{OPTION}: missing; give the name of a file")
+            return words[:k] + words[k + 2 :], words[k + 1]
+    return words, None
+
+
+@contextmanager
+def logged(file: str | None, words: list[str]) -> Iterator[None]:
+    """While it lasts, stdout and stderr go to the end of a file as well.  Raises OSError."""
+    if file is None:
+        yield
+        return
+    with ExitStack() as open_:
+        log = open_.enter_context(open(file, "a", encoding="utf-8", buffering=1))
+        log.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S')} flashtemp {shlex.join(words)}\n")
+        open_.enter_context(redirect_stdout(Both(sys.stdout, log)))
+        open_.enter_context(redirect_stderr(Both(sys.stderr, log)))
+        yield

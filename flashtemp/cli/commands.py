@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from cyclopts import App, CycloptsError
 
 from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
@@ -15,7 +17,7 @@ app = App(
     " it says goes to that file too.",
     suppress_keyboard_interrupt=False,  # told below
 )
-COMMANDS = (  # in the order of use
+COMMANDS: tuple[Any, ...] = (  # in the order of use
     starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab,
     studies.sweep, studies.converge, studies.sensitivity,
     camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,

@@ -57,7 +57,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 
 $(READY): pyproject.toml | .venv/bin/pip
 	$(PIP) install --quiet --upgrade pip
-	$(PIP) install --quiet --editable '.[test,dev]'
+	$(PIP) install --quiet --no-compile --editable '.[test,dev]'
 	@$(MAKE) --no-print-directory odes browser
 	@touch $@
 

@@ -25,7 +25,13 @@ def remarks(effect: str, **more) -> list[str]:
     return inert.remarks(load(CASES / "uniform_pressure", given))
 
 
-@pytest.mark.parametrize("effect", [n for n, e in catalogue().items() if not e.base])
+DEAR = ("persson_friction", "friction_moment", "resolved_spots")  # tests of their own see them act with every change
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [pytest.param(n, marks=pytest.mark.long if n in DEAR else ()) for n, e in catalogue().items() if not e.base],
+)
 def test_an_effect_acts_and_switched_off_does_not(effect):
     kind, p = catalogue()[effect], catalogue()[effect].params()
     on = remarks(effect, **{"schedule.repetitions": 2, "schedule.wait": 1.0, "numerics.across": 4})

@@ -18,7 +18,7 @@ WRONG = (
     [], [0], [[]], [1, "a"], [[1, 2], [3]], [[0, 1], [1, float("nan")]], [1e400, 2], [[10**400, 1], [2, 3]], {}, {"a": 1},
     {"value": 1}, {"contact_size": -1, "contact_share": 2}, [True, False], ["x", "y"], [None], (1, 2), None,
 )  # fmt: skip
-SEED, QUICK = 1, 150
+SEED, QUICK = 1, 75
 
 
 def attacks() -> list[tuple[str, str, object]]:

@@ -401,7 +401,8 @@ def answers(pid: int) -> bool:
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.4, 1.0])
 @pytest.mark.sample("0.4")
 def test_ctrl_c_while_modules_load(case, tmp_path, delay):
-    command = [sys.executable, "-m", "flashtemp", "run", str(case), "--out", str(tmp_path / "a")]
+    words = [str(case), "schedule.repetitions=300", "--out", str(tmp_path / "a")]  # longer than any delay
+    command = [sys.executable, "-m", "flashtemp", "run", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert until(lambda: answers(process.pid))
         time.sleep(delay)

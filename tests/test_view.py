@@ -105,3 +105,52 @@ def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatc
 def test_a_folder_without_fields(tmp_path, capsys):
     assert main(["view", str(tmp_path)]) == 2
     assert "no fields.vtkhdf" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def opened(folders):
+    """The window of the wide block, with its slider and its plane, drawn where nobody looks."""
+    if not window.off_screen():
+        pytest.skip("VTK finds no window here")
+    import pyvista
+
+    class Hidden(pyvista.Plotter):
+        def __init__(self, **given):
+            super().__init__(**given | {"off_screen": True, "window_size": [300, 180]})
+
+    fields = open_fields(folders["wide"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pyvista, "Plotter", Hidden)
+        plot = space.plotter(fields, float(fields.times[0]), off=False)
+    yield plot, fields
+    plot.close()
+
+
+def test_in_the_window_the_section_faces_the_eye(opened):
+    plot, _ = opened
+    _, _, near, far, _, _ = plot.widgets.plane_clipped_meshes[0].bounds
+    eye = plot.camera.position[1]
+    assert abs(near) < 1e-6 < far, "one half is left"
+    assert eye < near, "what lies between the eye and the section is cut away"
+
+
+def test_the_window_says_what_and_when(opened):
+    plot, fields = opened
+    assert "wide block" in plot.title
+    slider = plot.widgets.slider_widgets[0].GetRepresentation()
+    assert (slider.GetMinimumValue(), slider.GetMaximumValue()) == pytest.approx((fields.times[0], fields.times[-1]))
+    assert slider.GetTitleText() == "time (s)"
+    shown = [actor.GetText(vtk_corner) for actor in plot.actors.values() if hasattr(actor, "GetText")
+             for vtk_corner in range(8)]  # fmt: skip
+    assert space.KEYS in shown
+
+
+def test_arrow_keys_step_through_the_kept_fields(opened):
+    plot, fields = opened
+    cold = np.asarray(plot.screenshot(return_img=True), float)
+    plot.iren.interactor.SetKeySym("Right")
+    plot.iren.interactor.InvokeEvent("KeyPressEvent")
+    assert plot.widgets.slider_widgets[0].GetRepresentation().GetValue() == pytest.approx(fields.times[1])
+    warm = np.asarray(plot.screenshot(return_img=True), float)
+    section = np.s_[int(0.45 * len(cold)) : int(0.60 * len(cold)), 100:180]  # of the block, and the road before it
+    assert warm[section].mean() > cold[section].mean() + 10, "it warms"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,10 @@ from flashtemp.viz import theme
 ROAD_SHOWN = 3.0  # mm
 SIZE = (1500, 900)
 PAPER, INK, EDGE = "white", "#222222", "#5A5A5A"
+KEYS = """left, right: time, one kept field back or on
+drag: turn    shift + drag: move    wheel: zoom
+drag the plane or its arrow: cut elsewhere
+r: see all    s, w: surface, wires    q: close"""
 
 
 def parts(fields, t: float) -> dict[str, tuple]:
@@ -70,7 +75,7 @@ def plotter(fields, t: float, off: bool = True):
         "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
         "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
-    plot: Any = pv.Plotter(off_screen=off, window_size=list(SIZE))
+    plot: Any = pv.Plotter(off_screen=off, window_size=list(SIZE), title=f"{fields.title} - flashtemp")
     plot.set_background(PAPER)
     road, whole = _grid(*seen["road"]), _grid(*seen["block"])
     plot.add_mesh(road, **style, scalar_bar_args=bar)
@@ -78,13 +83,20 @@ def plotter(fields, t: float, off: bool = True):
     if off:
         plot.add_mesh(_grid(*_half(*seen["block"])), **style, show_scalar_bar=False)
     else:
-        plot.add_mesh_clip_plane(whole, normal="-y", invert=False, **style, show_scalar_bar=False)
+        cut(plot, whole, style)
     plot.add_mesh(whole.outline(), color=EDGE, line_width=2)
     _words(plot, fields, seen, t)
-    if not off and len(fields.times) > 1:
-        _slider(plot, fields, {"road": road, "block": whole})
+    if not off:
+        plot.add_text(KEYS, position="lower_right", font_size=9, color=EDGE)
+        if len(fields.times) > 1:
+            _slider(plot, fields, t, {"road": road, "block": whole})
     _look(plot, seen)
     return plot
+
+
+def cut(plot, block, style: dict):
+    """Add the block cut by a plane that can be dragged: the half behind stays, so that its section faces the eye."""
+    return plot.add_mesh_clip_plane(block, normal="y", outline_opacity=0.0, **style, show_scalar_bar=False)
 
 
 def _words(plot, fields, seen, t: float) -> None:
@@ -105,18 +117,30 @@ def _words(plot, fields, seen, t: float) -> None:
     )  # fmt: skip
 
 
-def _slider(plot, fields, grids: dict) -> None:
-    """Time by a slider over the kept fields."""
+def _slider(plot, fields, t: float, grids: dict) -> None:
+    """Time by a slider, and by the arrow keys from one kept field to the next."""
 
-    def show(position: float) -> None:
-        t = fields.times[round(position)]
+    def show(moment: float) -> None:
+        t = fields.times[int(np.argmin(np.abs(fields.times - moment)))]
         seen = parts(fields, t)
         for name, grid in grids.items():
             grid.point_data["T"][:] = _grid(*seen[name]).point_data["T"]
         plot.add_text(f"t = {theme.number(float(t))} s", position="lower_left", font_size=13, color=INK, name="time")
 
-    last = len(fields.times) - 1
-    plot.add_slider_widget(show, (0, last), value=last, title="kept field", fmt="%.0f", color=INK, style="modern")
+    slider = plot.add_slider_widget(
+        show, fields.times[[0, -1]], value=t, title="time (s)", fmt="%.3g", color=INK, style="modern",
+        pointa=(0.6, 0.92), pointb=(0.95, 0.92), interaction_event="always",
+    )  # fmt: skip
+
+    def step(by: int) -> None:
+        now = slider.GetRepresentation().GetValue()
+        index = int(np.clip(np.argmin(np.abs(fields.times - now)) + by, 0, len(fields.times) - 1))
+        slider.GetRepresentation().SetValue(fields.times[index])
+        show(fields.times[index])
+        plot.render()
+
+    for key, by in (("Right", 1), ("Left", -1)):
+        plot.add_key_event(key, partial(step, by))
 
 
 def _look(plot, seen) -> None:

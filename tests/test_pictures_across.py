@@ -21,7 +21,7 @@ def test_width_shows_the_wake_where_there_is_one(lab, downstream):
     fig.canvas.draw()
     assert len(above.images) == (2 if downstream else 1)
     assert ("wake" in "".join(t.get_text() for t in above.texts)) == (downstream > 0)
-    assert ("road behind" in above.get_title("left")) == (downstream > 0)
+    assert ("the wake" in above.get_title("left")) == (downstream > 0)
     far = 1e3 * (0.025 + downstream)
     assert above.get_xlim()[1] == pytest.approx(far, abs=0.5)
 

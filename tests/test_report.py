@@ -117,7 +117,7 @@ def test_every_tag_is_closed_and_nothing_lies_outside_the_file(written):
 def test_all_pictures_are_inside(written):
     _, _, reader = written
     pictures = [base64.b64decode(v.split(",", 1)[1], validate=True) for t, n, v in reader.attributes if n == "src"]
-    assert len(pictures) == 1 + 2 * 3 + 1  # overview, two a recording, one a trace
+    assert len(pictures) == 1 + 1 + 2 * 3 + 1  # the worst frame, overview, two a recording, one a trace
     assert all(p.startswith(b"\x89PNG") and p.rstrip().endswith(b"IEND\xaeB`\x82") for p in pictures)
     assert len(set(pictures)) == len(pictures)
     assert sum(name == "alt" and bool(value) for _, name, value in reader.attributes) == len(pictures)
@@ -126,9 +126,10 @@ def test_all_pictures_are_inside(written):
 def test_a_list_leads_from_the_first_picture_to_all_the_rest(written):
     _, html, reader = written
     assert html.index("What was found") < html.index("<img") < html.index("<nav") < html.index("<table")
-    assert html[: html.index("<nav")].count("<img") == 1
+    before, first = html[: html.index("<nav")], html[: html.index("<img")]
+    assert (before.count("<img"), first.count('class="verdict')) == (2, 1), "one sentence, one picture, the overview"
     listed = [v for _, name, v in reader.attributes if name == "href"]
-    assert listed == [*("#numbers", "#pictures", "#reading"), *(f"#file-{i}" for i in range(1, 5))]
+    assert listed == [*("#files", "#numbers", "#pictures", "#reading"), *(f"#file-{i}" for i in range(1, 5))]
     assert {v[1:] for v in listed} <= {v for _, name, v in reader.attributes if name == "id"}
     told = [v for _, name, v in reader.attributes if name == "alt"]
     assert len(set(told)) == len(told)

@@ -248,7 +248,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
         side = RegularGridInterpolator((z_block, run.x), cells[m.block].T)(np.stack(grid, axis=-1))
         np.testing.assert_allclose(drawn[0], side, atol=1e-4)
         np.testing.assert_allclose(drawn[1][0], np.interp(x, run.x, run.T_spot[k]))
-        behind = cells[m.start[m.last : -1] + m.n_road - 1]
+        behind = run.T_wake[k]
         wake = np.interp(centres_of(ax.images[2])[0], m.x_centre[m.last :], behind)
         np.testing.assert_allclose(drawn[2][0], wake, rtol=1e-6)
         hottest = ax.lines[0].get_xdata()[0]

@@ -73,14 +73,18 @@ def _frame(seeing) -> int:
 
 
 @theme.styled
-def images(seeing, run=None) -> Figure:
+def images(seeing, run=None, only: bool = False) -> Figure:
     """Measured, computed and their difference in K and in sigma for up to three frames; x, z, y in mm.
 
-    A profile is drawn as lines in degC, its difference in K with the band of noise of one pixel.
+    With `only` the frame of the largest difference alone.  A profile is drawn as lines in degC, its difference in K
+    with the band of noise of one pixel.
     """
     if seeing.view.recording.places is not None:
         return point_series.picture(seeing)
     chosen = frames(seeing, run)
+    if only:
+        worst = _frame(seeing) if seeing.largest is not None else max(chosen)
+        chosen = {worst: chosen[worst]}
     if seeing.view.recording.view == "profile":
         return point_series.profile(seeing, chosen)
     r, shown = seeing.view.recording, list(chosen)
@@ -164,8 +168,9 @@ def _bars(fig, axes) -> None:
         above = any((i.get_array() > norm.vmax).any() for i in shown)
         extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
         bar = fig.colorbar(
-            shown[0], ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad, fraction=0.05
-        )
+            shown[0], ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad,
+            fraction=min(0.12, 0.17 / len(axes)),
+        )  # fmt: skip
         bar.outline.set_linewidth(0.4)
         bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
 
@@ -194,8 +199,10 @@ def along(seeing, run=None) -> Figure:
     if up:
         second = fig.add_subplot(grid[0, 1])
         _curve(second, 1e3 * r.v, mean(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
-    _over_time(fig.add_subplot(grid[1, 0]), seeing, run)
-    _per_repetition(fig.add_subplot(grid[1, 1]), seeing)
+    several = len(np.unique(r.repetition)) > 1  # a single mean is a number, no curve
+    _over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), seeing, run)
+    if several:
+        _per_repetition(fig.add_subplot(grid[1, 1]), seeing)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
     note = "blue band: what noise alone would do to the mean, two standard errors; red: beyond it"
     fig.supxlabel(note, fontsize=7.5)

@@ -55,6 +55,7 @@ def text(comparison: Comparison) -> str:
     sizes += [f"{p.force.file} {p.rmse:.2g}" for p in comparison.pullings[:TOLD]]
     overview = f"Root mean square, mean and chi2/dof of all differences: {'; '.join(sizes)}"
     more = [
+        ("files", "File by file", _findings(comparison)),
         ("numbers", "Numbers", _tables(comparison)),
         ("pictures", "Pictures", _pictures(comparison)),
         ("reading", "How to read this", [html.terms(READING)]),
@@ -63,13 +64,35 @@ def text(comparison: Comparison) -> str:
         f"<h1>{escape(title)}</h1>",
         f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_counted(comparison)}.</p>',
         html.heading("What was found", "found"),
-        *(_finding(s.view.file, *verdict(s), words(s), _cautions(s)) for s in comparison.seeings),
-        *(_finding(p.force.file, *grip(p), _mu(p), []) for p in comparison.pullings),
+        *_worst(comparison),
         html.figure(summary(comparison), overview, "Size of the differences and how they compare with noise."),
         html.contents([(mark, head) for mark, head, _ in more] + _files(comparison)),
         *(line for mark, head, parts in more for line in (html.heading(head, mark), *parts)),
     ]
     return html.whole(title, body)
+
+
+def _worst(comparison: Comparison) -> list[str]:
+    """The recording that is explained worst: a sentence, and the frame where it differs most."""
+    from flashtemp.viz.comparison import images
+
+    if not comparison.seeings:
+        return [_finding(p.force.file, *grip(p)) for p in comparison.pullings]
+    s = max(comparison.seeings, key=lambda s: s.chi2_per_dof if s.pixels else np.inf)
+    told = [_finding(s.view.file, *verdict(s))]
+    if not s.pixels:
+        return told
+    others = len(comparison.seeings) - 1
+    caption = "Where measured and computed differ most" + (
+        f"; the other {others} recordings differ less." * (others > 1)
+    )
+    return [*told, html.figure(images(s, _runs(comparison).get(id(s.view)), only=True), verdict(s)[0], caption)]
+
+
+def _findings(comparison: Comparison) -> list[str]:
+    """A sentence about every file, its numbers and cautions below."""
+    out = [_finding(s.view.file, *verdict(s), words(s), _cautions(s)) for s in comparison.seeings]
+    return out + [_finding(p.force.file, *grip(p), _mu(p)) for p in comparison.pullings]
 
 
 def _counted(comparison: Comparison) -> str:
@@ -145,10 +168,11 @@ def _mu(p: Pulling) -> str:
     return f"mu differs by {p.rmse:.4f} rms, {p.bias:+.4f} on average, chi2/dof {p.chi2_per_dof:.3g}"
 
 
-def _finding(file: str, sentence: str, grade: str, numbers: str, cautions: list[str]) -> str:
-    """One verdict as a paragraph with a coloured edge."""
-    more = "".join(f'\n<p class="small">{escape(c)}</p>' for c in (numbers, *cautions))
-    return f'<div class="verdict {grade}">\n<p><b>{escape(file)}</b>: {escape(sentence)}</p>{more}\n</div>'
+def _finding(file: str, sentence: str, grade: str, numbers: str = "", cautions: list[str] | None = None) -> str:
+    """One verdict as a paragraph with a coloured edge, numbers and cautions in a fold."""
+    more = [html.paragraph(line, "small") for line in (numbers, *(cautions or [])) if line]
+    fold = "\n" + html.fold("numbers", more) if more else ""
+    return f'<div class="verdict {grade}">\n<p><b>{escape(file)}</b>: {escape(sentence)}</p>{fold}\n</div>'
 
 
 # --- tables -----------------------------------------------------------------------------------------

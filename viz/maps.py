@@ -86,7 +86,8 @@ def _caption(run, frames: list[int]) -> str:
     words.append("Contact: in the macroasperity contact regions, hottest at the triangle.")
     if views.has_wake(run):
         shown = 1e3 * (run.mesh.x[-1] - run.mesh.x[run.mesh.last])
-        words.append(f"Wake: road surface, mean of the lanes, {theme.number(shown, 3)} mm behind the block.")
+        wake = "Wake: road surface averaged across y, over lanes and what lies between"
+        words.append(f"{wake}, {theme.number(shown, 3)} mm behind the block.")
     if any(np.isnan(views.contact(run, i)).any() for i in frames):
         words.append("White: no contact.")
     return " ".join([*words, "The block slides to the left."])

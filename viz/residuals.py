@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
+from flashtemp.viz.key_words import spoken
 
 Layout = Literal["constrained", "compressed", "tight"]
 MEASURED, COMPUTED = "#2B2B2B", "#0072B2"
@@ -28,18 +29,9 @@ def condition(given: dict) -> str:
 
 
 def _quantity(key: str, value) -> str:
-    """One override, in MPa where it is a large pressure."""
-    from flashtemp.model.schema import TABLES
-
-    table, _, name = key.rpartition(".")
-    unit = getattr(TABLES.get(table, {}).get(name), "unit", "")
-    words = (name if table == "schedule" else key).replace(".", " ").replace("_", " ")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return f"{words} {value}"
-    if unit == "Pa" and value >= 1e4:
-        value, unit = 1e-6 * value, "MPa"
-    unit = {"degC": theme.DEGREE, "1": ""}.get(unit, unit)
-    return f"{words} {theme.number(value)} {unit}".rstrip()
+    """One override with its unit."""
+    said = spoken(key)
+    return f"{said.words} {said.value(value)} {'' if isinstance(value, (str, bool)) else said.unit}".rstrip()
 
 
 def plain(text: str) -> str:

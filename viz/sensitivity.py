@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
+from flashtemp.viz.key_words import spoken
 
 MOST = 10  # inputs
 EDGE = 1.96
@@ -41,6 +42,6 @@ def draw(found) -> Figure:
                 )  # fmt: skip
         band = f"{theme.number(number.low)} to {theme.number(number.high)}"
         ax.set_title(f"95 %: {band}")
-    axes[0].set_yticks(at, [found.inputs[k].key for k in shown])
+    axes[0].set_yticks(at, [spoken(found.inputs[k].key).words for k in shown])
     fig.supxlabel("Change by +1.96 sd of the input; first-order/total share of the variance.", fontsize=7.0)
     return fig

@@ -110,7 +110,7 @@ def _words(plot, fields, seen, t: float) -> None:
         (0.35 * x[0] + 0.65 * x[-1], y[-1], z[-1] + 2.5): f"block {x[-1]:.3g} x {np.ptp(y):.3g} x {z[-1]:.3g} mm",
     }  # fmt: skip
     if far > x[-1]:
-        marks[(far, y[0], under)] = "wake"
+        marks[(far, y[0], under)] = "wake, in the lanes"
     plot.add_point_labels(
         np.array(list(marks)), list(marks.values()), shape=None, show_points=False, font_size=20, text_color=INK,
         always_visible=True, bold=False,

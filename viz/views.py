@@ -34,15 +34,17 @@ def contact(run, frame: int) -> np.ndarray:
 
 
 def wake(run, frame: int) -> np.ndarray:
-    """Road surface (1, COLUMNS) from the trailing edge to the end of the road shown, mean of the lanes."""
+    """Road surface (1, COLUMNS) from the trailing edge to the end of the road shown, averaged across y."""
     mesh = run.mesh
     x = _pixels(mesh.x[mesh.last], mesh.x[-1], COLUMNS)
     return between(surface(run, frame)[:, None], mesh.x_centre[mesh.last :], x).T
 
 
 def surface(run, frame: int) -> np.ndarray:
-    """Road surface cells behind the middle of the block (lines,) in degC."""
-    return run.section(frame)[run.mesh.road[run.mesh.last :, -1]]
+    """Road surface beyond x = L (lines,) in degC, averaged across y as a camera sees it: wake, or road to come."""
+    k = run.frames[frame]
+    back = run.direction is not None and run.direction[k] < 0
+    return run.T_ahead[k][::-1] if back else run.T_wake[k]
 
 
 def has_wake(run) -> bool:

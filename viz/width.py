@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from flashtemp.meshes.mesh import centres
@@ -11,6 +12,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.views import COLUMNS, ROWS, has_wake
 
 PRESSURE = "cividis"
+EVEN = 1e-3  # of the pressure: what differs less is one value
 
 
 def applies(run) -> bool:
@@ -48,12 +50,11 @@ def draw(run) -> Figure:
         above.imshow(image, extent=(L, far, *y), **style)
         above.axvline(L, color="white", lw=1.0)
         above.text(far, y[1], "wake ", ha="right", va="top", color="white", fontsize=7.5)
-    title = "contact seen from above: spots" + (", and road behind" if behind else "")
+    title = "contact seen from above: spots" + (", and the wake" if behind else "")
     above.set(xlim=(0.0, far), ylim=y, ylabel="y (mm)", title=title)
     force = pressed.imshow(
-        1e-3 * press, extent=(0.0, L, *y), cmap=PRESSURE, origin="lower", aspect="auto",
-        norm=theme.temperature_norm(1e-3 * press),
-    )  # fmt: skip
+        1e-3 * press, extent=(0.0, L, *y), cmap=PRESSURE, origin="lower", aspect="auto", norm=_pressures(1e-3 * press)
+    )
     pressed.set(title="nominal contact pressure")
     walls = [fig.add_subplot(grid[1 + i, 0], sharex=above) for i in range(2)]
     for ax, values, words in zip(walls, sides, ("at the side wall y < 0", "in the middle of the width"), strict=True):
@@ -68,8 +69,15 @@ def draw(run) -> Figure:
         bar = fig.colorbar(image, ax=axes, label=label, pad=0.02, aspect=25)
         bar.outline.set_linewidth(0.4)
     t = theme.number(run.time[run.frames[frame]])
-    fig.supxlabel(f"At the end of sliding, t = {t} s.", x=0.01, ha="left", fontsize=7.0)
+    averaged = " Wake: road surface, averaged over lanes and what lies between." if behind else ""
+    fig.supxlabel(f"At the end of sliding, t = {t} s.{averaged}", x=0.01, ha="left", fontsize=7.0)
     return fig
+
+
+def _pressures(press: np.ndarray) -> Normalize:
+    """Colour limits (kPa): those of the pressure, or from zero where it is the same everywhere."""
+    low, high = float(np.nanmin(press)), float(np.nanmax(press))
+    return Normalize(low, high) if high - low > EVEN * abs(high) else Normalize(0.0, max(high, 1.0))
 
 
 def _even(values, x, v, x_ends, v_ends) -> np.ndarray:

@@ -29,7 +29,7 @@ class Listing(Shown):
         lines = []
         for e in self.entries:
             lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
-            lines += [f"    {_line(p)}" for p in e["parameters"]]
+            lines += [f"    {parameter_line(p)}" for p in e["parameters"]]
             if self.full:
                 lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
         return "\n".join(lines)
@@ -138,7 +138,7 @@ def describe(name: str, effect: type[Effect]) -> dict[str, Any]:
     }
 
 
-def _line(p: dict[str, Any]) -> str:
+def parameter_line(p: dict[str, Any]) -> str:
     """One parameter in words."""
     limits = f" [{p['low']:g}, {p['high']:g}]" if p["low"] > -math.inf or p["high"] < math.inf else ""
     off = "" if p["off"] is None else f", off = {p['off']:g}"

@@ -24,17 +24,17 @@ def case_text() -> str:
 
 
 def _keys(keys: dict[str, Param]) -> str:
-    return "".join(f"# {_line(name, param)}  # {_about(param)}\n" for name, param in keys.items())
+    return "".join(f"# {example(name, param)}  # {about(param)}\n" for name, param in keys.items())
 
 
-def _line(name: str, param: Param) -> str:
+def example(name: str, param: Param) -> str:
     return f"{name} = {value_text(param.value)}" if param.value is not None else f"{name} ="
 
 
-def _about(param: Param) -> str:
+def about(param: Param) -> str:
     """Meaning, unit and range of a key in words.
 
-    >>> _about(Param(0.02, "m", "length", low=1e-4, high=1.0))
+    >>> about(Param(0.02, "m", "length", low=1e-4, high=1.0))
     'length; m, 0.0001 to 1'
     """
     unit = "" if param.unit in ("", "1") else param.unit

@@ -1,0 +1,54 @@
+"""Keys of a case in words, their values in the units that people use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.viz import theme
+
+SHORT = 0.1  # m: what is shorter by default is told in mm
+PLAIN = ("schedule", "numerics")  # tables that say nothing about the key
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """A key in `words`, the `factor` from SI to the `unit` that its values are told in."""
+
+    words: str
+    factor: float
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """Words for an axis."""
+        return f"{self.words} ({self.unit})" if self.unit else self.words
+
+    def value(self, value: object) -> str:
+        """A value without its unit; texts as they are."""
+        if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+            return str(value)
+        return theme.number(self.factor * float(value))
+
+
+def spoken(key: str, unit: str | None = None) -> Spoken:
+    """A key of a case for people; `unit` in SI where it is no key that is declared.
+
+    >>> spoken("contact.pressure").label, spoken("block.length").label, spoken("schedule.distance").label
+    ('contact pressure (MPa)', 'block length (mm)', 'distance (m)')
+    >>> spoken("contact.pressure").value(1.5e5), spoken("schedule.speed").value("speed.csv")
+    ('0.15', 'speed.csv')
+    """
+    from flashtemp.model.schema import TABLES
+
+    table, _, name = key.rpartition(".")
+    param = TABLES.get(table, {}).get(name)
+    unit = getattr(param, "unit", "") if unit is None else unit
+    words = (name if table in PLAIN else key).replace(".", " ").replace("_", " ")
+    if unit == "Pa":
+        return Spoken(words, 1e-6, "MPa")
+    default = getattr(param, "value", None)
+    if unit == "m" and isinstance(default, int | float) and default < SHORT:
+        return Spoken(words, 1e3, "mm")
+    return Spoken(words, 1.0, {"degC": theme.DEGREE, "1": "", "K/s": "K/s"}.get(unit, unit).replace("m2", "m²"))

@@ -62,7 +62,7 @@ def one(seed: int, small: bool = False) -> dict:
     hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
     beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
-        test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme(columns=60)
+        test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
         truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))

@@ -16,14 +16,13 @@ from flashtemp.camera.placement import AS_TOLD, Kept, Place, corner, hats, pivot
 from flashtemp.camera.point_observation import asked, readings
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
-from flashtemp.model.laws import Laws
+from flashtemp.camera.wall import Face, corner_length, film_steps, wall_rise
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.interpolation import between
 from flashtemp.physics.quantities import KELVIN
 
 TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
-FILMS = 8  # stretches of a phase in each of which the film of the walls is taken for even
 ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
 BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
@@ -80,50 +79,6 @@ def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray,
     at = np.arange(n * PARTS + 1) / PARTS
     weights = CubicSpline(number, np.eye(n + 2))(at)
     return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), CubicSpline(number, nodes)(at)
-
-
-# --- the wall ---------------------------------------------------------------------------------------
-def wall_cooling(scene: Scene, steps: tuple[np.ndarray, np.ndarray], z: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Rise of the wall over that of the section behind it (frames, z): 1/(1 + h l/k), a fin correction.
-
-    In 2D the section is the mean across the width W; the wall is cooler by what its film takes out.  A film of h W/m2K
-    since t s takes h l/k, l = (2 z/pi) ln(1 + pi l_t/(2 z)), l_t = 2 sqrt(D t/pi) until W/6 limits it, z (z,) in m
-    above a face that the contact holds; where it changes, its `steps` (s, W/m2K) add up.  Good to 12 % of the
-    difference (docs/camera.md).
-    """
-    k, D = scene.block.conductivity, scene.block.diffusivity
-    since = times[:, None] - steps[0]
-    reach = 2.0 * np.sqrt(D * np.maximum(since, 1e-9) / np.pi)
-    reach = (reach**-4.0 + (scene.width / 6.0) ** -4.0) ** -0.25
-    above = np.maximum(z, 1e-9)[:, None]
-    length = 2.0 * above / np.pi * np.log1p(0.5 * np.pi * reach[:, None] / above)  # (frames, z, steps)
-    return 1.0 / (1.0 + length @ steps[1] / k)
-
-
-def corner_length(z, half: float):
-    """Length l (m): h l/k is how much cooler the wall is than `half` behind it, at z (m) above a face that is held.
-
-    Exact for even cooling of the wall of a corner without end; `half` far above, where heat flows straight to the wall.
-
-    >>> [round(float(corner_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
-    [0.0, 0.21, 0.721, 0.997]
-    """
-    above = np.maximum(z, 1e-9 * half)
-    return 2.0 / np.pi * (0.5 * above * np.log1p((half / above) ** 2) + half * np.arctan(above / half))
-
-
-def film_steps(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) at which the film of the block's walls changes, and by how much (W/m2K), from none at the start."""
-    films = Laws(scene).films.get("block.sides" if scene.resolved else "block.leading", [])
-    at, seen = [0.0], [0.0]
-    for phase in scene.schedule.phases:
-        edges = np.linspace(phase.begin, phase.end, FILMS + 1)
-        moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
-        at += list(edges[:-1])
-        seen += [sum(part.law(now, p) for part, p, _ in films) for now in moments]
-    change = np.diff(seen)
-    some = change != 0.0
-    return np.array(at[1:])[some], change[some]
 
 
 # --- the operator -----------------------------------------------------------------------------------
@@ -248,15 +203,15 @@ def _body(run, scene, recording, times):
     cells = between(run.field[:, near].astype(float), kept, times)
     face = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
     face = between(face.astype(float), kept, times)
-    section = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2)
     air, steps = scene.ambient - KELVIN, film_steps(scene)
+    rise = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
     if scene.resolved:  # from the cell's centre to its wall
         length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
         films = (times[:, None] >= steps[0]) @ steps[1]
-        factor = 1.0 / (1.0 + films[:, None] * length / scene.block.conductivity)
-    else:
-        factor = wall_cooling(scene, steps, z, times)
-    wall = np.swapaxes(air + (_smooth_ends(section, x, 1) - air) * factor[:, None], 1, 2)
+        rise = rise / (1.0 + films[:, None] * length / scene.block.conductivity)[:, None]
+    elif len(steps[0]):
+        rise = wall_rise(scene, steps, z, times, rise, Face.of(run))
+    wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)
     return wall, x, z

@@ -55,8 +55,12 @@ def look(field, box, air, u, v, optics, geometry):
     x = np.arange(u[0] - margin, u[-1] + margin, step)
     z = np.arange(v[0] - margin, v[-1] + margin, step)
     scene = np.full((len(z), len(x)), float(light(air)))
-    i, j = ((a >= lo) & (a <= hi) for a, (lo, hi) in zip((x, z), box, strict=True))
-    scene[np.ix_(j, i)] = light(field(x[i], z[j]))
+    i, j = ((a > lo - 0.5 * step) & (a < hi + 0.5 * step) for a, (lo, hi) in zip((x, z), box, strict=True))
+    inside = [np.clip(a[own], lo, hi) for a, own, (lo, hi) in zip((x, z), (i, j), box, strict=True)]
+    part = [np.minimum(a[own] + 0.5 * step, hi) - np.maximum(a[own] - 0.5 * step, lo)
+            for a, own, (lo, hi) in zip((x, z), (i, j), box, strict=True)]  # fmt: skip
+    share = np.outer(part[1], part[0]) / step**2  # a fine place on the edge is block in part
+    scene[np.ix_(j, i)] += share * (light(field(*inside)) - light(air))
     scene = gaussian_filter(scene, optics.psf * FINE, truncate=6.0)
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     total = np.zeros((len(v), len(u)))

@@ -9,9 +9,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 
 from truth.camera import Geometry, Optics, look
 from truth.sliding import Pair, Sliding, impulse
+from truth.wall import Wall
 
 AIR, NETD, CELL = 20.0, 0.05, 0.005
 PITCH = {"sidewall": 2.5e-4, "wake": 5e-4}
@@ -128,37 +130,17 @@ class World:
     def air(self, t):
         return self.hidden("ambient_drift") * t
 
-    def wall(self, z, t):
-        """Rise of the wall over that of the section behind it: films have drawn heat through it since t = 0.
-
-        Every draw spreads by diffusion from the wall and is made good by the contact at z = 0.
-        """
-        p = self.pair
-        if t <= 0.0:
-            return np.ones(len(z))
-        root = np.sqrt(t) * (np.arange(400) + 0.5) / 400  # of the age
-        reach = np.sqrt(p.k / p.rc) * root
-        lap = self.test.distance / self.speed + self.test.wait
-        film = self.convection + np.where((t - root**2) % lap < lap - self.test.wait, self.sides, 0.0)
-        near = np.array([np.mean(film * np.minimum(1.0, _erf(a / (2.0 * np.maximum(reach, 1e-12))))) for a in z])
-        return 1.0 / (1.0 + 2.0 / p.k * np.sqrt(p.k / p.rc * t / np.pi) * near)
-
-
-def _erf(x):
-    from scipy.special import erf
-
-    return erf(x)
-
 
 @dataclass(frozen=True)
 class Moment:
-    """What the cameras may see at a time `t` (s): the section's rises, the wall's share of them, the wake."""
+    """What the cameras may see at a time `t` (s): the section's modes, what the wall lacks against it, the wake."""
 
     t: float
     repetition: int
     sliding: bool
     state: np.ndarray
     wake: tuple[np.ndarray, np.ndarray]
+    lacks: np.ndarray | None = None
 
 
 def live(world, asked):
@@ -169,6 +151,7 @@ def live(world, asked):
     p, test, h = world.pair, world.test, world.hidden
     flash = 1.0
     s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((BEHIND + 3e-3) / p.dx))
+    history, taken = [], np.zeros(2)
     dt, steps = p.dx / world.speed, round(test.distance / p.dx)
     t, moments, times, cell, passes = 0.0, [], [], [], []
     films = (world.convection + world.sides, world.sides)
@@ -183,32 +166,40 @@ def live(world, asked):
             t = begin + k * dt
             warm = world.air(t) + _carried(world, passes, k - columns, t)
             heat = mu * load * world.speed / world.fraction
-            _, _, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
+            face, road, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
+            taken += world.fraction * road.mean(), face.mean()
             spot = rise + AIR
             if k > p.columns:
                 left[:, k - p.columns] = s.left(), t
             if k % max(steps // 100, 1) == 0:
                 times.append(t)
                 cell.append(float(mu @ load / load.sum()))
+            if k in at or k % max(steps // 60, 1) == 0:
+                history.append((t, world.convection + world.sides, s.amplitude.copy(), world.air(t)))
             if k in at:
                 places, wake = s.wake(world.convection)
                 before = _carried(world, passes, k - p.columns - np.arange(s.behind), t)
                 moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + before + world.air(t))))
         passes.append(left)
         if r < test.repetitions:
-            moments += _rest(world, s, t, r, asked.get((r, False), ()))
+            moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    return s, moments, np.array(times), np.array(cell)
+    wall = Wall(p, taken[0] / taken[1])
+    lacks = {t: wall.step(t, *now) for t, *now in history}
+    return s, [replace(m, lacks=lacks[m.t]) for m in moments], np.array(times), np.array(cell)
 
 
-def _rest(world, s, begin, r, shares):
+def _rest(world, s, history, begin, r, shares):
     """Moments of a wait."""
     count, out = 200, []
     dt = world.test.wait / count
     for k in range(1, count + 1):
         t = begin + k * dt
         s.rest(dt, (world.convection, 0.0), world.convection, world.air(t))
-        if k in [round(a * count) for a in shares]:
+        asked = k in [round(a * count) for a in shares]
+        if asked or k in (1, 2, 4) or k % 8 == 0:
+            history.append((t, world.convection, s.amplitude.copy(), world.air(t)))
+        if asked:
             out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1))))
     return out
 
@@ -348,8 +339,10 @@ def _seen(view, world, sliding, m):
 
     def wall(x, z):
         rise = world.pair.above(z) @ m.state.T @ world.pair.along(x).T
-        air = world.air(m.t)
-        return AIR + air + (rise - air) * world.wall(z, m.t)[:, None]
+        lacks = RectBivariateSpline(
+            *Wall.grid(world.pair), np.vstack([1.5 * m.lacks[:1] - 0.5 * m.lacks[1:2], m.lacks])
+        )(z, x)
+        return AIR + rise - lacks
 
     return wall
 

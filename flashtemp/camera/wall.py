@@ -1,0 +1,138 @@
+"""The block's side wall, which its film cools below the section behind it.
+
+In 2D the section is the mean across the width W.  What a film of h W/m2K draws from the wall lacks in a corner whose
+face the contact holds, for the most part: s seconds later the lack has spread as T(z, t) has, less what has come in
+through the face since.  So the wall is cooler by d,
+
+    k d = sum over steps of h [ R(a) T(z, t) - int_0^a T(0, t - s) (g(z, s) (R(a) - R(s)) - R'(s) E(z, s)) ds ],
+
+a the time since the step, R(s) what even cooling does to the wall of a plate against its mean, g(z, s) =
+z exp(-z2/4Ds)/(2 sqrt(pi D) s^1.5) what a held face sends to z, E(z, s) = exp(-z2/4Ds) erfcx(z/(2 sqrt(Ds)) +
+H sqrt(Ds)/k) what lacks because a contact of H W/m2K does not hold it quite.  How good that is: docs/camera.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erfcx
+
+from flashtemp.model.laws import Laws
+from flashtemp.model.scene import Scene
+from flashtemp.physics.interpolation import between
+
+STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(28)
+ORDERS, EARLY = np.arange(1.0, 5.0), 0.1  # modes of a plate, and Fourier's number below which it is a half-space
+REACH = 3.5  # z/(2 sqrt(D s)) beyond which nothing has arrived from the face
+
+
+@dataclass(frozen=True)
+class Face:
+    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, and how firmly the contact holds it, W/m2K."""
+
+    rise: np.ndarray
+    times: np.ndarray
+    held: float
+
+    @classmethod
+    def of(cls, run) -> Face:
+        """That of a run: what the road takes for every kelvin of the face."""
+        rise = run.T_block.astype(float) - run.ambient_degC
+        slid = np.where(run.sliding[1:], np.diff(run.time), 0.0)
+        warm = slid @ (0.5 * (rise[1:] + rise[:-1])) @ np.diff(run.mesh.x[run.mesh.first : run.mesh.last + 1])
+        taken = float(run.energy["into_road"][-1] - run.energy["into_road"][0])
+        return cls(rise, run.time, taken / warm if warm > 0.0 < taken else np.inf)
+
+
+def wall_rise(scene: Scene, steps, z, times, section, face: Face) -> np.ndarray:
+    """Rise of the wall (frames, x, z) in K at `times` where the `section` behind it has risen by as much.
+
+    `steps`: when its film changed (s) and by how much (W/m2K); z (m) above the face.  In 2D alone: in 3D the wall is
+    resolved.
+    """
+    deep, k = z > 0.0, scene.block.conductivity
+    drawn, even = np.zeros_like(section[:, :, deep]), 0.0  # of this section, and of one that is warm evenly; K
+    for begun, film in zip(*steps, strict=True):
+        since = np.maximum(times - begun, 1e-9)
+        reach, ages, weights = _memory(scene, since, z[deep], face.held / k)
+        came = between(face.rise, face.times, np.maximum(times[:, None] - ages, face.times[0]).ravel())
+        came = np.swapaxes(weights @ came.reshape(*ages.shape, -1), 1, 2)
+        acts = film / k * (times > begun)
+        drawn += acts[:, None, None] * (reach[:, None, None] * section[:, :, deep] - came)
+        even = even + acts[:, None] * (reach[:, None] - weights.sum(axis=2))
+    wall = section.copy()
+    wall[:, :, deep] -= drawn / (1.0 + np.broadcast_to(even, (len(times), int(deep.sum()))))[:, None]
+    return wall
+
+
+def _memory(scene: Scene, since, z, held: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R (frames,) in m of films that act `since` (s), ages (frames, nodes) in s of the face's heat, and its weights
+    (frames, z, nodes) in m; `held` is H/k in 1/m."""
+    D = scene.block.diffusivity
+    low = z / (2.0 * np.sqrt(D * since))[:, None]  # z/(2 sqrt(D s)) of the oldest heat
+    high = scene.height / np.sqrt(D * since)[:, None]
+    span = np.log(np.maximum(REACH / low.min(axis=1), 1.0 + 1e-9))
+    w = 0.5 * span[:, None] * (NODES + 1.0)
+    ages = since[:, None] * np.exp(-2.0 * w)
+    reach = _reach(scene, since)
+    part = 0.5 * span[:, None] * WEIGHTS
+    rest = (reach[:, None] - _reach(scene, ages)) * np.exp(w) * part
+    paths = ((1.0, low), (1.0, high - low), (-1.0, high + low), (-1.0, 2.0 * high - low))  # from the back, and again
+    fresh = sum(sign * far[:, :, None] * np.exp(-((far[:, :, None] * np.exp(w)[:, None]) ** 2)) for sign, far in paths)
+    lost = _rate(scene, ages) * 2.0 * ages * part
+    near = low[:, :, None] * np.exp(w)[:, None]
+    loose = np.exp(-(near**2)) * erfcx(near + held * np.sqrt(D * ages)[:, None])
+    return (
+        reach,
+        ages,
+        2.0 / np.sqrt(np.pi) * fresh * rest[:, None] - loose * lost[:, None],
+    )
+
+
+def _reach(scene: Scene, s):
+    """R(s) in m: how much cooler than its mean the wall of a plate as thick as the block is wide is, per q/k."""
+    half, number, modes = _plate(scene, s)
+    late = 1.0 / 3.0 - 2.0 * (modes / (np.pi * ORDERS) ** 2).sum(axis=-1)
+    return half * np.where(number < EARLY, 2.0 * np.sqrt(number / np.pi) - number, late)
+
+
+def _rate(scene: Scene, s):
+    """R'(s) in m/s."""
+    half, number, modes = _plate(scene, s)
+    early = 1.0 / np.sqrt(np.pi * number) - 1.0
+    return scene.block.diffusivity / half * np.where(number < EARLY, early, 2.0 * modes.sum(axis=-1))
+
+
+def _plate(scene: Scene, s) -> tuple[float, np.ndarray, np.ndarray]:
+    """Half the width (m), Fourier's number of s, and how much of every mode is left."""
+    half = 0.5 * scene.width
+    number = scene.block.diffusivity * s / half**2
+    return half, number, np.exp(-((np.pi * ORDERS) ** 2) * number[..., None])
+
+
+def corner_length(z, half: float):
+    """Length l (m): h l/k is how much cooler the wall is than `half` behind it, at z (m) above a face that is held.
+
+    Exact for even cooling of the wall of a corner without end; `half` far above, where heat flows straight to the wall.
+
+    >>> [round(float(corner_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
+    [0.0, 0.21, 0.721, 0.997]
+    """
+    above = np.maximum(z, 1e-9 * half)
+    return 2.0 / np.pi * (0.5 * above * np.log1p((half / above) ** 2) + half * np.arctan(above / half))
+
+
+def film_steps(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) at which the film of the block's walls changes, and by how much (W/m2K), from none at the start."""
+    films = Laws(scene).films.get("block.sides" if scene.resolved else "block.leading", [])
+    at, seen = [0.0], [0.0]
+    for phase in scene.schedule.phases:
+        edges = np.linspace(phase.begin, phase.end, STRETCHES + 1)
+        moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
+        at += list(edges[:-1])
+        seen += [sum(part.law(now, p) for part, p, _ in films) for now in moments]
+    change = np.diff(seen)
+    some = change != 0.0
+    return np.array(at[1:])[some], change[some]

@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 PIP := .venv/bin/python -m pip --disable-pip-version-check
 READY := .venv/.ready
 
-.PHONY: help demo test test-all attack bench-smoke coverage lint odes browser clean
+.PHONY: help demo test test-all attack bench-smoke coverage lint docs odes browser clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
@@ -39,6 +39,9 @@ lint: $(READY)  ## ruff: rules and format; mypy: types
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy flashtemp
 
+docs: $(READY)  ## the documentation as a site in build/site: notebooks executed, links within it checked
+	OMP_NUM_THREADS=1 .venv/bin/sphinx-build --quiet --fail-on-warning --keep-going -j auto -b html docs build/site
+
 # The page is tested in the distribution's own Chromium; where there is none its tests in the browser are skipped.
 browser: | .venv/bin/pip
 	@root=env; [ $$(id -u) = 0 ] || root="sudo -n env"; \
@@ -57,7 +60,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 
 $(READY): pyproject.toml | .venv/bin/pip
 	$(PIP) install --quiet --upgrade pip
-	$(PIP) install --quiet --no-compile --editable '.[test,dev]'
+	$(PIP) install --quiet --no-compile --editable '.[test,dev,docs]'
 	@$(MAKE) --no-print-directory odes browser
 	@touch $@
 

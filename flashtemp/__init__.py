@@ -5,8 +5,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 _PUBLIC = {
     "api.inputs": ["load"],
     "api.drawing": ["draw"],
@@ -53,6 +51,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"flashtemp.{_HOME[name]}"), name)
+    if name == "__version__":
+        return import_module("importlib.metadata").version("flashtemp")
     if name == "physics":
         return import_module("flashtemp.physics")
     raise AttributeError(f"module 'flashtemp' has no attribute '{name}'")

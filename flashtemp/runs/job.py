@@ -14,6 +14,7 @@ from flashtemp.model import case as cases
 from flashtemp.runs import inert, steadiness, vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
 from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
+from flashtemp.runs.provenance import commit, versions
 from flashtemp.solver import limits
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.march import march
@@ -205,7 +206,9 @@ def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) ->
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
     remarks += limits.remarks(run) + inert.remarks(case) + steadiness.remarks(scene, run)
-    about = {"versions": versions(case.settings.binding)} | ({"remarks": remarks} if remarks else {})
+    about = {"versions": versions(case.settings.binding), "commit": commit()} | (
+        {"remarks": remarks} if remarks else {}
+    )
     if own := case.own_effects():
         about["own_effects"] = own
     run = replace(run, case_text=text, statistics=run.statistics | about)
@@ -234,13 +237,3 @@ def _watcher(work, scene, watch, stopped=None):
         return stopped is not None and stopped.is_set()
 
     return hook
-
-
-def versions(binding: str) -> dict[str, str]:
-    """Versions of everything that had a hand in the result."""
-    import platform
-    from importlib.metadata import version
-
-    package = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}[binding]
-    names = ("flashtemp", "numpy", "scipy", "numba", package)
-    return {"python": platform.python_version(), **{n: version(n) for n in names}}

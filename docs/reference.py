@@ -1,0 +1,64 @@
+"""The pages that are made from the code: commands, keys of a case, the effects' catalogue, the gallery."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import gallery
+
+import flashtemp
+from flashtemp.api.effects import parameter_line
+from flashtemp.cli.commands import app
+from flashtemp.model.schema import TABLES, declared
+from flashtemp.model.starter import about, example
+
+MADE = "made"  # the folder beside the pages that holds them; not kept
+
+
+def commands() -> str:
+    """Every command with its arguments and options, as `--help` says them."""
+    text = app.generate_docs(output_format="markdown", heading_level=2)
+    _, first, rest = text.partition("## flashtemp new")
+    lead = "What every command takes and does, made from what `flashtemp COMMAND --help` says.\n\n"
+    return "# Commands\n\n" + lead + first + re.sub(r"\n## `?--install-completion.*", "\n", rest, flags=re.DOTALL)
+
+
+def keys() -> str:
+    """Every key of a case with default, meaning, unit and range."""
+    out = "# Keys of a case\n\nWhat `flashtemp new case` writes, to look things up: every key with its default.\n"
+    for table in TABLES:
+        rows = "".join(f"| `{example(k, p)}` | {_cell(about(p))} |\n" for k, p in declared(table).items())
+        out += f"\n## [{table}]\n\n| key and default | meaning; unit, range |\n|---|---|\n{rows}"
+    return out
+
+
+def catalogue() -> str:
+    """Every effect: cause, keys, signs by which it shows, source."""
+    out = [
+        "# The effects' catalogue\n\nMade from the effects' own files; on the command line `flashtemp effects`."
+        "  What always acts stands first.  Your own is [one file more](../effects.md).\n"
+    ]
+    for e in flashtemp.effects().entries:
+        always = " (always acts)" if e["always"] else ""
+        lines = [f"- `{head}`: {tail}" for head, tail in (parameter_line(p).split(": ", 1) for p in e["parameters"])]
+        shows = f"\nTells itself apart by: {'; '.join(e['tells'])}\n" if e["tells"] else ""
+        out.append(
+            f"## {e['name']}{always}\n\n{e['cause']}.\n\n" + "\n".join(lines) + f"\n{shows}\nSource: {e['source']}\n"
+        )
+    return "\n".join(out)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def write(folder: Path) -> None:
+    """Write all of them into the folder `made` of the documentation's."""
+    made = folder / MADE
+    made.mkdir(exist_ok=True)
+    pages = {"commands": commands(), "keys": keys(), "catalogue": catalogue(), "gallery": gallery.page()}
+    for name, text in pages.items():
+        file = made / f"{name}.md"
+        if not file.exists() or file.read_text(encoding="utf-8") != text:  # what is unchanged is not built again
+            file.write_text(text, encoding="utf-8")

@@ -164,7 +164,10 @@ def _through(camera: Instrument, light, nodes, shift, place: Place, length: floa
     if place.turn and recording.view != "profile":
         return turned(light, nodes, (u, v), (along, up), place, pivot(recording, length), kept)
     z = np.ones((1, 1)) if recording.view == "profile" else pixel_weights(v, up[0], up[1], nodes[1])
-    return z @ light @ pixel_weights(u, along[0], along[1], nodes[0]).T
+    x = pixel_weights(u, along[0], along[1], nodes[0])
+    frames, high, _ = light.shape  # two large products: many small ones would wake threads for each
+    lines = (light.reshape(frames * high, -1) @ x.T).reshape(frames, high, -1)
+    return np.swapaxes(np.tensordot(z, lines, (1, 1)), 0, 1)
 
 
 def _axis(camera: Instrument, axis: int, shift, place: Place, length: float):

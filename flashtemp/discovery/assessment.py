@@ -11,7 +11,7 @@ from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Fit
 from flashtemp.discovery.hypothesis import declaration
-from flashtemp.discovery.laboratory import found
+from flashtemp.discovery.laboratory import calibrated, found
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, change, residual
 from flashtemp.discovery.nuisances import plain
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
@@ -273,8 +273,8 @@ def laboratory_causes(search: Search, fit: Fit) -> tuple[Cause, ...]:
         Cause("mirrored", t.words, (), 2.0 * t.ln_bayes, 0.0, 1.0, ln_bayes=t.ln_bayes, laboratory=True)
         for t in search.mirrored
     ]  # fmt: skip
-    for e in search.laboratory:
-        now = found(search.problem, fit, e)
+    usual = [e for e in calibrated(search.problem, fit) if e.unusual]
+    for now, e in [*((found(search.problem, fit, e), e) for e in search.laboratory), *((e, e) for e in usual)]:
         sd = INFLATED * now.stderr
         ends = (now.value - 1.96 * sd, now.value + 1.96 * sd)
         where = e.parameter.file or e.parameter.name

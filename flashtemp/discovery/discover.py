@@ -89,14 +89,16 @@ def _verdict(search: Search) -> Verdict:
     shut = assessment.gates(search, final)
     alike = assessment.group(search) if accepted else ()
     found = assessment.laboratory_causes(search, final)
-    kind = _kind(hint is not None, shut, alike, base, extended, bool(accepted))
+    hinted = hint is not None and not found  # beside an error of the laboratory a hint is less than that
+    kind = _kind(hinted, shut, alike, base, extended, bool(accepted))
     gained = gain(problem, base, extended) if final.model.effects else None
     kind = gained.allowed(kind) if gained is not None else kind
     kind = _honest(kind, search, bool(found))
     if kind == "unexplained":  # what leaves the data unexplained is named no more than an effect is
         found = tuple(c for c in found if not c.parameters)
-    if kind == "no_verdict" or (kind in ("none_needed", "unexplained", "held_key") and not accepted):
+    if kind == "no_verdict" or (kind != "weak" and not accepted):
         causes, extended = (), base
+    named = () if kind == "no_verdict" else [c.words for c in found]
     separable = separability(search.base, problem.tried)
     order = np.argsort(-separable.z)[:SHOWN]
     verdict = Verdict(
@@ -124,7 +126,11 @@ def _verdict(search: Search) -> Verdict:
         gain=None if gained is None else asdict(gained),
         not_named=() if gained is None or kind not in ("weak", "none_needed") else gained.says,
         certain=tuple(c.effect for c in causes if c.effect not in alike) if kind == "group" else (),
-        laboratory=tuple(Found(e.name, e.value, e.stderr, e.unit, e.pull, e.words) for e in calibrated(problem, final)),
+        laboratory=tuple(
+            Found(e.name, e.value, e.stderr, e.unit, e.pull, e.words)
+            for e in calibrated(problem, final)
+            if e.words not in named
+        ),
         held_key=_held(search),
         checklist=checklist(search) if kind in ("unexplained", "no_verdict") else (),
         open_ends={" with ".join(sorted(names)): gain for names, gain in search.open_ends.items()},

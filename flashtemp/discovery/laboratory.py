@@ -7,7 +7,7 @@ prior among the nuisances; here it is asked whether the data want it wider by fa
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
 
 FOUND, WORTH = 4.0, 0.25  # standard errors, and prior standard deviations, from which what was found is told
+UNUSUAL = 1.8  # prior standard deviations from which it is named, though calibration has put it right
 CALLED = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
 SIZES = {"block.length": "block_length", "block.width": "block_width"}
 UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
@@ -41,6 +42,11 @@ class LabError:
     def clear(self) -> bool:
         """Whether it is more than chance and more than a trifle."""
         return abs(self.value) > FOUND * self.stderr and abs(self.pull) > WORTH
+
+    @property
+    def unusual(self) -> bool:
+        """Whether it lies, two standard errors allowed for, where few laboratories do."""
+        return self.clear and abs(self.pull) * (1.0 - 2.0 * self.stderr / abs(self.value)) > UNUSUAL
 
 
 def parameters(fit: Fit) -> list[ParameterId]:
@@ -73,7 +79,14 @@ def calibrated(problem: Problem, fit: Fit) -> Iterator[LabError]:
     """What calibration took of errors that are usual, where it is clear and no trifle; the largest first."""
     own = [p for p in parameters(fit) if p in fit.solution.names and p not in problem.loose]
     all_ = [_stated(problem, p, fit.model.placed(p) + fit.solution[p], fit.solution.sd(p), 0.0) for p in own]
-    yield from sorted((e for e in all_ if e.clear), key=lambda e: -abs(e.pull))
+    all_ = [replace(e, ln_bayes=_against_none(e)) for e in all_ if e.clear]
+    yield from sorted(all_, key=lambda e: -abs(e.pull))
+
+
+def _against_none(e: LabError) -> float:
+    """ln Bayes factor of what is usual against no error at all (Savage and Dickey's ratio)."""
+    usual = abs(e.value / e.pull)
+    return 0.5 * (e.value / e.stderr) ** 2 + float(np.log(e.stderr / usual))
 
 
 def _stated(problem: Problem, p: ParameterId, value: float, sd: float, gain: float) -> LabError:

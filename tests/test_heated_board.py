@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +51,14 @@ def test_a_block_alone_leaves_a_whole_result(tmp_path, pictures):
     assert (tmp_path / "board" / "profile.png").is_file() == pictures
 
 
-@pytest.mark.long
-def test_discovery_names_the_slope_of_the_conductivity():
+FEW = ("conductivity_slope", "capacity_slope", "track_memory")  # enough for every part of discovery to be asked
+
+
+@pytest.mark.parametrize("candidates", [pytest.param(None, marks=pytest.mark.long), FEW])
+def test_discovery_names_the_slope_of_the_conductivity(candidates):
     """120 to 600 s are fitted; 600 to 1200 s, held out, are predicted to 1.2 K rms, by constant k to more than 6 K."""
-    verdict = flashtemp.discover(campaign.load(BOARD), workers=1)
+    board = campaign.load(BOARD)
+    verdict = flashtemp.discover(replace(board, candidates=candidates) if candidates else board, workers=1)
     assert verdict.kind == "named"
     assert [c.effect for c in verdict.causes] == ["conductivity_slope"]
     assert verdict.extended.held_out_rmse_K < 1.2

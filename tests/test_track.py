@@ -93,3 +93,12 @@ def test_a_new_start_without_a_wait_changes_nothing(tmp_path):
     np.testing.assert_allclose(two.field[-1], one.field[-1], atol=1e-3 * rise)
     kept = [run.energy["lanes"][-1] + run.energy["lane_out"][-1] for run in (one, two)]
     assert kept[1] == pytest.approx(kept[0], rel=1e-3)
+
+
+def test_a_track_that_remembers_needs_no_road_behind_the_block(lab):
+    """With no wake simulated nothing is asked of it; the block is as with one."""
+    given = {"effects": ["track_memory"], "schedule__distance": 0.1, "schedule__repetitions": 2, "numerics__mesh": 0.4}
+    none, some = (lab.case(**given, road__track_length=0.2, road__downstream=far) for far in (0.0, 0.01))
+    assert none.T_wake.shape[1] == 0
+    assert some.T_wake.shape[1] > 0
+    assert none.T_block[-1] == pytest.approx(some.T_block[-1], abs=0.05)

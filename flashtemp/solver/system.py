@@ -75,7 +75,8 @@ class System:
         if self.inflow is None or self.phase.turned > -np.inf:
             return np.tile(self.entering(now, whole), (len(behind), 1))
         at, which = np.unique(behind, return_inverse=True)
-        return np.array([self.entering(now._replace(passed=now.passed - way), whole) for way in at])[which]
+        came = [self.entering(now._replace(passed=now.passed - way), whole) for way in at]
+        return np.array(came)[which] if came else np.zeros((0, len(self.entering(now, whole))))
 
     def back(self, now) -> np.ndarray | float:
         """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""

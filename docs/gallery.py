@@ -42,7 +42,7 @@ CASES = {
     "slide3d": Shown("run cases/slide3d", "width.png", "half a minute"),
     "resolved_spots": Shown("run cases/resolved_spots", "spots.png", "three minutes"),
     "paper_story": Shown("discover cases/paper_story", "missing.png", "a minute"),
-    "heated_board": Shown("discover cases/heated_board", "missing.png", "a minute"),
+    "heated_board": Shown("discover cases/heated_board", "what_is_wrong.png", "a minute"),
     "slope_tester": Shown("friction cases/slope_tester", "friction.png"),
     "smooth_adhesion": Shown("run cases/smooth_adhesion", "profile.png"),
     "mu_of_p": Shown("loads cases/mu_of_p", "loads.png", "two minutes"),
@@ -63,7 +63,7 @@ def draw(name: str) -> None:
             width = min(WIDTH, picture.width)
             small = picture.convert("RGB").resize((width, round(picture.height * width / picture.width)))
             PICTURES.mkdir(parents=True, exist_ok=True)
-            small.quantize(128).save(PICTURES / f"{name}.png", optimize=True)
+            small.quantize(256).save(PICTURES / f"{name}.png", optimize=True)
 
 
 def told() -> dict[str, str]:

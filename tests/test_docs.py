@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -51,3 +52,20 @@ def test_notebooks_are_kept_without_what_they_print(book):
     cells = json.loads(book.read_text(encoding="utf-8"))["cells"]
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
     assert cells[0]["cell_type"] == "markdown"
+
+
+def test_the_recipe_asks_for_what_the_package_asks_for():
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = (ROOT / "docs" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    asked = re.findall(r"^    - (\S+) (>=\S+)$", recipe.split("  run:\n")[1].split("\ntests:")[0], re.MULTILINE)
+    wanted = {(re.sub("^matplotlib$", "matplotlib-base", n), v) for n, v in (split(d) for d in told["dependencies"])}
+    assert set(asked) == wanted | {("python", told["requires-python"])}
+    released = re.search(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[1]
+    for file in ("docs/conda/recipe.yaml", "CITATION.cff", "pyproject.toml"):
+        assert released in (ROOT / file).read_text(encoding="utf-8"), file
+
+
+def split(dependency: str) -> tuple[str, str]:
+    """Name and bound."""
+    name, bound = re.fullmatch(r"([\w-]+)(>=.+)", dependency).groups()
+    return name, bound

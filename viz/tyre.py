@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
+LEAST = 1.0  # %: half the range of changes that is drawn at least
 GREY = {"cold": "#8A8A8A", "hot": "#B9B9B9"}
 DASH = {"cold": (0, (4, 2)), "hot": (0, (1, 1.5))}
 WORDS = {"rigid": "rigid bristles", "brush": "bristles that shear"}
@@ -29,6 +30,8 @@ def draw(found, title: str) -> Figure:
         _maxima(axes[1, column], found, model, colours)
     axes[0, 0].set_ylabel("side force / load (–)")
     axes[1, 0].set_ylabel("change of its maximum (%)")
+    low, high = axes[1, 0].get_ylim()
+    axes[1, 0].set_ylim(min(low, -LEAST), max(high, LEAST))
     axes[0, 0].set_ylim(0.0, 1.1 * max(values.max() for values in found.curves.values()))
     for ax, handles in zip(axes[0], _key(found, colours), strict=True):
         ax.legend(handles=handles, loc="upper left")

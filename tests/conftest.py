@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from collections import Counter, defaultdict
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -35,6 +36,12 @@ FILM_ROAD = Material(1e-4 * ROAD.conductivity, 1e4 * ROAD.density, ROAD.heat_cap
 FILM_RUBBER = Material(1e-4 * RUBBER.conductivity, 1e4 * RUBBER.density, RUBBER.heat_capacity)
 NO_BLOCK, NO_ROAD = Material(1e-12, 1200.0, 1700.0), Material(1e-12, 2300.0, 950.0)  # take no heat
 LEAK = 1e-12  # relative energy imbalance that rounding may leave
+
+
+def pytest_configure():
+    """Shells let what they start in the background ignore Ctrl-C, and its children inherit that."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def check(label: str, error: float, bound: float) -> None:

@@ -16,7 +16,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.discovery import discover, prediction
-from flashtemp.discovery.calibration import BACK, TRIES, Descent
+from flashtemp.discovery.calibration import BACK, TRIES, Descent, Fit
 from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block
 from flashtemp.discovery.orientation import mirrored
@@ -206,15 +206,26 @@ def test_none_is_needed_only_where_every_trace_was_judged():
     assert open_search(228.0, fits=wandering) == "unexplained"
 
 
-def test_nothing_is_named_beside_a_fit_that_explains_more_and_did_not_end():
+def test_nothing_is_named_beside_a_fit_that_explains_more_and_did_not_end(monkeypatch):
     base = SimpleNamespace(converged=True, usable=True, ln_evidence=0.0, model=Model())
     best = SimpleNamespace(converged=True, usable=True, ln_evidence=770.0, model=Model())
     for gain, usable, kind in ((844.0, False, "no_verdict"), (771.0, False, "named"), (844.0, True, "named")):
         rival = SimpleNamespace(usable=usable, ln_evidence=gain)
         search = Search(None, None, {}, base, best, {frozenset({"track_memory"}): rival})
+        monkeypatch.setattr(discover, "_beyond_doubt", lambda fit: False)
         assert discover._honest("named", search, True) == kind
     assert "track_memory did not come to an end" in discover._why_none(replace(search, fits={
         frozenset({"track_memory"}): SimpleNamespace(usable=False, ln_evidence=844.0)}))[0]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("excess", "promise", "kind"), [(1e4, 10.0, "unexplained"), (1e4, 4e3, "no_verdict"), (50.0, 1.0, "no_verdict")]
+)
+def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(excess, promise, kind):
+    """Whatever the steps that were not taken would gain, most of the misfit would stay."""
+    solution = SimpleNamespace(chi2=1e5 + excess, count=100_000)
+    base = Fit(Model(), (), None, solution, {}, 1.0, (0.5,), promise=promise)
+    assert discover._honest("unexplained", Search(None, None, {}, base, base, {}), False) == kind
 
 
 # --- whole campaigns (long) -----------------------------------------------------------------------------------

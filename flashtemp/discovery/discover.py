@@ -34,6 +34,7 @@ from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
 # of the work that is done when a stage begins, as a rule
+SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
 SHARES = {"traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
 
 
@@ -136,7 +137,8 @@ def _verdict(search: Search) -> Verdict:
         open_ends={" with ".join(sorted(names)): gain for names, gain in search.open_ends.items()},
     )
     says = wording.says(verdict, problem.case.known)
-    return replace(verdict, says=(*_why_none(search), *says) if kind == "no_verdict" else says)
+    open_end = kind == "no_verdict" or (kind == "unexplained" and not search.best.converged)
+    return replace(verdict, says=(*_why_none(search), *says) if open_end else says)
 
 
 def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
@@ -163,7 +165,7 @@ def _honest(kind: str, search: Search, found: bool) -> str:
     """A kind of verdict that says no more than was done: without certificate none, with open ends not that none is
     needed; errors of the laboratory and held keys count as named."""
     if not search.best.converged or search.unsettled:
-        return "no_verdict"
+        return "unexplained" if _beyond_doubt(search.best) else "no_verdict"
     if kind != "none_needed":
         return kind
     if search.open_ends:
@@ -171,6 +173,12 @@ def _honest(kind: str, search: Search, found: bool) -> str:
     if search.held_key is not None:
         return "held_key"
     return "named" if found else kind
+
+
+def _beyond_doubt(fit: Fit) -> bool:
+    """Whether a model misfits grossly whatever the steps that it did not come to would still gain."""
+    misfit = 0.5 * (fit.solution.chi2 - fit.solution.count)
+    return fit.hopeless and fit.promise < SPARE * misfit
 
 
 def _why_none(search: Search) -> tuple[str, ...]:

@@ -128,6 +128,6 @@ def _caption(run, shown: float) -> str:
     crop = f", with {1e3 * shown:.3g} mm of the {1e3 * deep:.3g} mm deep road" if deep > shown else ""
     middle = " In the middle of the width." if run.mesh.n_across > 1 else ""
     return (
-        f"Block z > 0, road z < 0 in the lanes that the spots heat.{middle} Above to scale{crop}; "
+        f"Block z > 0, road z < 0 (in the spots' lanes).{middle} Above to scale{crop}; "
         "below the layers next to the contact, with different scales of z in block and road."
     )

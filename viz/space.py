@@ -103,18 +103,22 @@ def _words(plot, fields, seen, t: float) -> None:
     x, y, z, _ = seen["block"]
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
     plot.add_text(fields.title, position="upper_left", font_size=15, color=INK)
-    plot.add_text(f"t = {theme.number(float(moment))} s", position="lower_left", font_size=13, color=INK, name="time")
+    plot.add_text(_moment(float(moment)), position="lower_left", font_size=11, color=INK, name="time")
     under, far = -ROAD_SHOWN - 2.0, seen["road"][0][-1]
     marks = {  # below the road and above the block: nothing dark behind
         (x[0], y[0], under): "leading edge", (x[-1], y[0], under): "trailing edge",
         (0.35 * x[0] + 0.65 * x[-1], y[-1], z[-1] + 2.5): f"block {x[-1]:.3g} x {np.ptp(y):.3g} x {z[-1]:.3g} mm",
     }  # fmt: skip
     if far > x[-1]:
-        marks[(far, y[0], under)] = "wake, in the lanes"
+        marks[(far, y[0], under)] = "wake"
     plot.add_point_labels(
         np.array(list(marks)), list(marks.values()), shape=None, show_points=False, font_size=20, text_color=INK,
         always_visible=True, bold=False,
     )  # fmt: skip
+
+
+def _moment(t: float) -> str:
+    return f"t = {theme.number(t)} s\nroad: in the spots' lanes"
 
 
 def _slider(plot, fields, t: float, grids: dict) -> None:
@@ -125,7 +129,7 @@ def _slider(plot, fields, t: float, grids: dict) -> None:
         seen = parts(fields, t)
         for name, grid in grids.items():
             grid.point_data["T"][:] = _grid(*seen[name]).point_data["T"]
-        plot.add_text(f"t = {theme.number(float(t))} s", position="lower_left", font_size=13, color=INK, name="time")
+        plot.add_text(_moment(float(t)), position="lower_left", font_size=11, color=INK, name="time")
 
     slider = plot.add_slider_widget(
         show, fields.times[[0, -1]], value=t, title="time (s)", fmt="%.3g", color=INK, style="modern",

@@ -53,17 +53,19 @@ def wall_rise(scene: Scene, steps, z, times, section, face: Face) -> np.ndarray:
     resolved.
     """
     deep, k = z > 0.0, scene.block.conductivity
-    drawn, even = np.zeros_like(section[:, :, deep]), 0.0  # of this section, and of one that is warm evenly; K
+    drawn = np.zeros_like(section[:, :, deep])  # K
+    even = np.zeros((len(times), 1, int(deep.sum())))  # the same of a section that is warm evenly, per kelvin
     for begun, film in zip(*steps, strict=True):
-        since = np.maximum(times - begun, 1e-9)
-        reach, ages, weights = _memory(scene, since, z[deep], face.held / k)
-        came = between(face.rise, face.times, np.maximum(times[:, None] - ages, face.times[0]).ravel())
+        on = times > begun
+        if not on.any():
+            continue
+        reach, ages, weights = _memory(scene, times[on] - begun, z[deep], face.held / k)
+        came = between(face.rise, face.times, np.maximum(times[on, None] - ages, face.times[0]).ravel())
         came = np.swapaxes(weights @ came.reshape(*ages.shape, -1), 1, 2)
-        acts = film / k * (times > begun)
-        drawn += acts[:, None, None] * (reach[:, None, None] * section[:, :, deep] - came)
-        even = even + acts[:, None] * (reach[:, None] - weights.sum(axis=2))
+        drawn[on] += film / k * (reach[:, None, None] * section[on][:, :, deep] - came)
+        even[on, 0] += film / k * (reach[:, None] - weights.sum(axis=2))
     wall = section.copy()
-    wall[:, :, deep] -= drawn / (1.0 + np.broadcast_to(even, (len(times), int(deep.sum()))))[:, None]
+    wall[:, :, deep] -= drawn / (1.0 + even)
     return wall
 
 
@@ -84,11 +86,7 @@ def _memory(scene: Scene, since, z, held: float) -> tuple[np.ndarray, np.ndarray
     lost = _rate(scene, ages) * 2.0 * ages * part
     near = low[:, :, None] * np.exp(w)[:, None]
     loose = np.exp(-(near**2)) * erfcx(near + held * np.sqrt(D * ages)[:, None])
-    return (
-        reach,
-        ages,
-        2.0 / np.sqrt(np.pi) * fresh * rest[:, None] - loose * lost[:, None],
-    )
+    return reach, ages, 2.0 / np.sqrt(np.pi) * fresh * rest[:, None] - loose * lost[:, None]
 
 
 def _reach(scene: Scene, s):

@@ -41,7 +41,7 @@ CASES = {
     "slide2d": Shown("run cases/slide2d", "budget.png"),
     "slide3d": Shown("run cases/slide3d", "width.png", "half a minute"),
     "resolved_spots": Shown("run cases/resolved_spots", "spots.png", "three minutes"),
-    "paper_story": Shown("discover cases/paper_story", "missing.png", "a minute"),
+    "paper_story": Shown("discover cases/paper_story", "missing.png", "some minutes"),
     "heated_board": Shown("discover cases/heated_board", "what_is_wrong.png", "a minute"),
     "slope_tester": Shown("friction cases/slope_tester", "friction.png"),
     "smooth_adhesion": Shown("run cases/smooth_adhesion", "profile.png"),

@@ -71,7 +71,7 @@ SUNDIALS = printf '\#include <Python.h>\n\#include <sundials/sundials_config.h>\
 	sed -n 's/^.define SUNDIALS_VERSION_MAJOR //p'
 # Debian compiles SUNDIALS without optimisation, and vectors take 2 to 4 times as long: the same version again, from the
 # distribution's own source, goes before it (a runtime path of scikits-odes; without the folder the system's is used).
-FAST := $(CURDIR)/.venv/sundials
+FAST := .venv/sundials
 APT = DEBIAN_FRONTEND=noninteractive apt-get -q -o DPkg::Lock::Timeout=60 </dev/null >>.venv/apt.log 2>&1
 
 odes: | .venv/bin/pip  ## try scikits-odes again, after a change of the system's SUNDIALS
@@ -85,7 +85,7 @@ odes: | .venv/bin/pip  ## try scikits-odes again, after a change of the system's
 	echo "numpy<2.5" >.venv/build-constraint.txt; \
 	if [ -z "$$odes" ]; then \
 		echo "CVODE: scikit-sundae (scikits-odes needs a C compiler and the headers of Python and SUNDIALS 6 or 7)"; \
-	elif { $(MAKE) --no-print-directory $(FAST)/lib || true; } && LDFLAGS="-Wl,-rpath,$(FAST)/lib" \
+	elif { $(MAKE) --no-print-directory $(FAST)/lib || true; } && LDFLAGS="-Wl,-rpath,'$$PWD/$(FAST)/lib'" \
 			$(PIP) install --no-cache-dir --build-constraint .venv/build-constraint.txt "scikits-odes-sundials==$$odes.*" \
 			>.venv/odes.log 2>&1 && .venv/bin/python -c "import scikits_odes_sundials.cvode" 2>>.venv/odes.log; then \
 		echo "CVODE: scikits-odes $$odes on SUNDIALS $$major"; \
@@ -96,22 +96,22 @@ odes: | .venv/bin/pip  ## try scikits-odes again, after a change of the system's
 
 $(FAST)/lib:
 	@version=$$(dpkg-query -W -f '$${source:Package}=$${source:Version}' libsundials-dev 2>/dev/null); \
-	mkdir -p $(FAST)/src/lists/partial; cd $(FAST)/src; list=apt.sources; \
+	mkdir -p $(FAST)/src/lists/partial && fast="$$PWD/$(FAST)" && cd $(FAST)/src || exit 1; list=apt.sources; \
 	for file in /etc/apt/sources.list.d/*.sources; do sed 's/^Types:.*/Types: deb-src/' "$$file"; echo; done >$$list 2>/dev/null; \
 	if ! grep -q deb-src $$list; then \
 		list=apt.list; sed -n 's/^deb /deb-src /p' /etc/apt/sources.list /etc/apt/sources.list.d/*.list >$$list 2>/dev/null; \
 	fi; \
-	get="timeout 60 apt-get -q -o Dir::Etc::sourcelist=$$PWD/$$list -o Dir::Etc::sourceparts=/dev/null \
-		-o Dir::State::lists=$$PWD/lists -o Debug::NoLocking=true"; \
+	get() { timeout 60 apt-get -q -o Dir::Etc::sourcelist="$$PWD/$$list" -o Dir::Etc::sourceparts=/dev/null \
+		-o Dir::State::lists="$$PWD/lists" -o Debug::NoLocking=true "$$@"; }; \
 	if [ -n "$$version" ] && command -v cmake >/dev/null && \
-			{ $$get update && $$get --download-only source "$$version" && tar xf *.orig.tar.* --strip-components=1 && \
+			{ get update && get --download-only source "$$version" && tar xf *.orig.tar.* --strip-components=1 && \
 			timeout 60 cmake -S . -B build -DCMAKE_BUILD_TYPE=Release -DCMAKE_C_FLAGS_RELEASE=-O3 -DCMAKE_C_FLAGS=-fcommon \
-				-DCMAKE_INSTALL_PREFIX=$(FAST)/new -DCMAKE_INSTALL_LIBDIR=lib -DCMAKE_INSTALL_RPATH='$$ORIGIN' \
+				-DCMAKE_INSTALL_PREFIX="$$fast/new" -DCMAKE_INSTALL_LIBDIR=lib -DCMAKE_INSTALL_RPATH='$$ORIGIN' \
 				-DBUILD_STATIC_LIBS=OFF -DEXAMPLES_ENABLE_C=OFF -DEXAMPLES_INSTALL=OFF \
 				$(foreach part,ARKODE CVODES IDA IDAS KINSOL,-DBUILD_$(part)=OFF) && \
-			timeout 120 cmake --build build --parallel --target install && mv $(FAST)/new/lib $(FAST)/lib; } >$(FAST)/log 2>&1; then \
+			timeout 120 cmake --build build --parallel --target install && mv ../new/lib ../lib; } >../log 2>&1; then \
 		echo "SUNDIALS: compiled with optimisation, from $$version"; \
 	else \
 		echo "SUNDIALS: as the distribution compiled it, without optimisation; runs take 1.6 times as long (docs/performance.md)"; \
 	fi; \
-	rm -rf $(FAST)/src $(FAST)/new
+	rm -rf ../src ../new

@@ -384,7 +384,10 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
         seen.get_by_role("button", name="Start").click()
         seen.get_by_role("link", name="open the result").click(timeout=300_000)
         verdict = json.loads((place / "results" / "campaign-discover" / "verdict.json").read_text())
-        seen.frame_locator("iframe").get_by_text(verdict["says"][0]).first.wait_for()
+        answer = seen.frame_locator("iframe").get_by_text(verdict["says"][0]).first
+        answer.wait_for()
+        assert answer.is_visible()
+    assert verdict["verdict"] == "none_needed", "nothing was hidden"
 
 
 @pytest.mark.long  # starting and stopping above is its part

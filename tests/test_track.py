@@ -101,4 +101,5 @@ def test_a_track_that_remembers_needs_no_road_behind_the_block(lab):
     none, some = (lab.case(**given, road__track_length=0.2, road__downstream=far) for far in (0.0, 0.01))
     assert none.T_wake.shape[1] == 0
     assert some.T_wake.shape[1] > 0
-    assert none.T_block[-1] == pytest.approx(some.T_block[-1], abs=0.05)
+    rise = some.T_block[-1].max() - some.ambient_degC  # what leaves the window is followed by the track's closure
+    assert np.abs(none.T_block[-1] - some.T_block[-1]).max() < 0.01 * rise

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
 from flashtemp.viz import theme
+from flashtemp.viz.numbers import after
 
 SHORT = 0.1  # m: what is shorter by default is told in mm
 PLAIN = ("schedule", "numerics")  # tables that say nothing about the key
@@ -27,9 +29,15 @@ class Spoken:
 
     def value(self, value: object) -> str:
         """A value without its unit; texts as they are."""
-        if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
-            return str(value)
-        return theme.number(self.factor * float(value))
+        return theme.number(self.factor * float(value)) if _is_number(value) else str(value)
+
+    def told(self, value: object) -> str:
+        """A value after its words, with its unit."""
+        return f"{self.words} {self.value(value)} {self.unit if _is_number(value) else ''}".rstrip()
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def spoken(key: str, unit: str | None = None) -> Spoken:
@@ -51,4 +59,4 @@ def spoken(key: str, unit: str | None = None) -> Spoken:
     default = getattr(param, "value", None)
     if unit == "m" and isinstance(default, int | float) and default < SHORT:
         return Spoken(words, 1e3, "mm")
-    return Spoken(words, 1.0, {"degC": theme.DEGREE, "1": "", "K/s": "K/s"}.get(unit, unit).replace("m2", "m²"))
+    return Spoken(words, 1.0, after(unit).strip())

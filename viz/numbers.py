@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from flashtemp.discovery.verdict import Rival
+if TYPE_CHECKING:
+    from flashtemp.discovery.verdict import Rival
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

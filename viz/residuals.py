@@ -25,13 +25,7 @@ def condition(given: dict) -> str:
     >>> condition({"contact.pressure": 1.5e5, "schedule.speed": 0.1}), condition({})
     ('contact pressure 0.15 MPa, speed 0.1 m/s', 'as in the case')
     """
-    return ", ".join(_quantity(key, value) for key, value in given.items()) or "as in the case"
-
-
-def _quantity(key: str, value) -> str:
-    """One override with its unit."""
-    said = spoken(key)
-    return f"{said.words} {said.value(value)} {'' if isinstance(value, (str, bool)) else said.unit}".rstrip()
+    return ", ".join(spoken(key).told(value) for key, value in given.items()) or "as in the case"
 
 
 def plain(text: str) -> str:

@@ -83,7 +83,9 @@ def plotter(fields, t: float, off: bool = True):
     if off:
         plot.add_mesh(_grid(*_half(*seen["block"])), **style, show_scalar_bar=False)
     else:
-        cut(plot, whole, style)
+        plot.add_mesh_clip_plane(  # what lies before it goes: the section faces the eye
+            whole, normal="y", outline_opacity=0.0, **style, show_scalar_bar=False
+        )
     plot.add_mesh(whole.outline(), color=EDGE, line_width=2)
     _words(plot, fields, seen, t)
     if not off:
@@ -92,11 +94,6 @@ def plotter(fields, t: float, off: bool = True):
             _slider(plot, fields, t, {"road": road, "block": whole})
     _look(plot, seen)
     return plot
-
-
-def cut(plot, block, style: dict):
-    """Add the block cut by a plane that can be dragged: the half behind stays, so that its section faces the eye."""
-    return plot.add_mesh_clip_plane(block, normal="y", outline_opacity=0.0, **style, show_scalar_bar=False)
 
 
 def _words(plot, fields, seen, t: float) -> None:
@@ -124,8 +121,14 @@ def _moment(t: float) -> str:
 def _slider(plot, fields, t: float, grids: dict) -> None:
     """Time by a slider, and by the arrow keys from one kept field to the next."""
 
+    shown = None
+
     def show(moment: float) -> None:
+        nonlocal shown
         t = fields.times[int(np.argmin(np.abs(fields.times - moment)))]
+        if t == shown:  # the slider tells every pixel that it moves
+            return
+        shown = t
         seen = parts(fields, t)
         for name, grid in grids.items():
             grid.point_data["T"][:] = _grid(*seen[name]).point_data["T"]

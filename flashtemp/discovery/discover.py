@@ -33,8 +33,8 @@ from flashtemp.discovery.visible import Gain, gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
-# of the work that is done when a stage begins, as a rule
 SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
+# of the work that is done when a stage begins, as a rule
 SHARES = {"traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
 
 
@@ -82,16 +82,15 @@ def _certificate(search: Search) -> dict[str, Any]:
 def _verdict(search: Search) -> Verdict:
     """What a search amounts to; without its certificate no cause is given, but all that it knows."""
     problem, accepted = search.problem, list(search.best.model.effects)
-    hint = None if accepted else _hint(search)
+    found = assessment.laboratory_causes(search, search.best)
+    hint = None if accepted or found else _hint(search)  # beside an error of the laboratory a hint is less than that
     final = hint or search.best
     base = assessment.assess(search, search.base)
     extended = assessment.assess(search, final) if final.model.effects else base
     causes = tuple(assessment.cause(search, e, base, extended) for e in final.model.effects)
     shut = assessment.gates(search, final)
     alike = assessment.group(search) if accepted else ()
-    found = assessment.laboratory_causes(search, final)
-    hinted = hint is not None and not found  # beside an error of the laboratory a hint is less than that
-    kind = _kind(hinted, shut, alike, base, extended, bool(accepted))
+    kind = _kind(hint is not None, shut, alike, base, extended, bool(accepted))
     gained = gain(problem, base, extended) if final.model.effects else None
     kind = gained.allowed(kind) if gained is not None else kind
     kind = _honest(kind, search, bool(found))

@@ -228,6 +228,28 @@ def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(excess, promi
     assert discover._honest("unexplained", Search(None, None, {}, base, base, {}), False) == kind
 
 
+@pytest.mark.parametrize("key", ["friction.mu", "contact.spot_fraction"])
+def test_traces_of_a_wall_that_its_film_cools_are_differences_of_images(tmp_path, key):
+    """Neighbours are recorded at few times; what their face was in between shapes the wall all the same."""
+    (tmp_path / "case.toml").write_text("")
+    given = {"ambient.convection": 60.0, "schedule.repetitions": 3, "schedule.distance": 0.4, "schedule.wait": 6.0}
+    case = load(tmp_path / "case.toml", {"numerics.mesh": 0.5, "road.track_length": 0.4} | given)
+    made = twin(case, Plan((), 7, 1, ("sidewall",), 1, waiting=0), tmp_path / "lab")
+    told = replace(campaign.load(made), forces=(), free=(key,))
+    problem = prepare(told, lambda tasks: [prediction.predict(t) for t in tasks])
+    p, [view] = ParameterId.of_key(key), told.views
+
+    def seen(model, **derivatives):
+        [shown] = problem.predictions(problem.tasks(model, prediction.Derivatives(**derivatives)))
+        return shown.observables[view.file]
+
+    there, step = seen(problem.start, own=problem.free), 0.02
+    ahead, behind = (seen(problem.start.moved(p, s)).values[:, there.inside] for s in (step, -step))
+    slope = (ahead - behind) / (2.0 * step)
+    off = there.columns[p] - slope
+    assert np.sqrt(np.mean(off**2)) < 0.01 * np.sqrt(np.mean(slope**2))
+
+
 # --- whole campaigns (long) -----------------------------------------------------------------------------------
 SMALL = {
     "schedule.repetitions": 2, "schedule.distance": 0.6, "schedule.wait": 8.0, "road.track_length": 0.6,

@@ -104,14 +104,14 @@ class Instrument:
 
 def observe(
     run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0,
-    place: Place = AS_TOLD, kept: Kept | None = None,
+    place: Place = AS_TOLD, kept: Kept | None = None, face: Face | None = None,
 ) -> Seen:  # fmt: skip
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
     may be complex for their derivatives; `place` is the image's scale and turn, `kept` what turned
-    images of one recording share.  Fields of the run are interpolated in time; a run that kept them
-    at `Instrument.times` loses nothing.
+    images of one recording share, `face` the history of the block's face where the run has few records.  Fields of
+    the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting)
     if recording.places is not None:
@@ -128,7 +128,8 @@ def observe(
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
     batches = np.array_split(times, max(1, -(-len(times) // BATCH)))
     for batch in batches:
-        body, along, up = _body(run if len(batches) == 1 else _around(run, batch), scene, recording, batch)
+        near = run if len(batches) == 1 else _around(run, batch)
+        body, along, up = _body(near, scene, recording, batch, face)
         light = LONG_WAVE.counts(body) - outside
         S = outside + _through(camera, light, (along, up), shift, place, scene.length, kept)
         told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
@@ -184,7 +185,7 @@ def _axis(camera: Instrument, axis: int, shift, place: Place, length: float):
     return centres, pitch, sigma * pitch
 
 
-def _body(run, scene, recording, times):
+def _body(run, scene, recording, times, face: Face | None):
     """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
     mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
     x = np.concatenate([edges[:1], run.x, edges[1:]])
@@ -204,16 +205,16 @@ def _body(run, scene, recording, times):
     kept = run.time[run.frames]
     near = mesh.everywhere(mesh.block)[..., 0]  # x to the right and z up: the camera sees the wall at y = -W/2
     cells = between(run.field[:, near].astype(float), kept, times)
-    face = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
-    face = between(face.astype(float), kept, times)
+    surface = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
+    surface = between(surface.astype(float), kept, times)
     air, steps = scene.ambient - KELVIN, film_steps(scene)
-    rise = np.concatenate([face[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
+    rise = np.concatenate([surface[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
     if scene.resolved:  # from the cell's centre to its wall
         length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
         films = (times[:, None] >= steps[0]) @ steps[1]
         rise = rise / (1.0 + films[:, None] * length / scene.block.conductivity)[:, None]
     elif len(steps[0]):
-        rise = wall_rise(scene, steps, z, times, rise, Face.of(run))
+        rise = wall_rise(scene, steps, z, times, rise, face or Face.of(run))
     wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)

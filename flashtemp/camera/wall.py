@@ -25,6 +25,7 @@ from flashtemp.physics.interpolation import between
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(28)
 ORDERS, EARLY = np.arange(1.0, 5.0), 0.1  # modes of a plate, and Fourier's number below which it is a half-space
+FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 REACH = 3.5  # z/(2 sqrt(D s)) beyond which nothing has arrived from the face
 
 
@@ -44,6 +45,18 @@ class Face:
         warm = slid @ (0.5 * (rise[1:] + rise[:-1])) @ np.diff(run.mesh.x[run.mesh.first : run.mesh.last + 1])
         taken = float(run.energy["into_road"][-1] - run.energy["into_road"][0])
         return cls(rise, run.time, taken / warm if warm > 0.0 < taken else np.inf)
+
+    def beside(self, run, level) -> Face:
+        """That of a neighbour of this run, which is recorded at few of its times, as is the neighbour's own `level`.
+
+        What a small change does is taken as a share: of the rise, linear between records, and of how firmly it is held
+        (where the neighbour's ledger tells it).
+        """
+        moved, plain = Face.of(run), Face.of(level)
+        share = (moved.rise - plain.rise) / np.maximum(plain.rise, FAINT * max(float(plain.rise.max()), FAINT))
+        rise = self.rise * (1.0 + between(share, level.time, self.times))
+        told = np.isfinite(moved.held) and np.isfinite(plain.held)
+        return Face(rise, self.times, self.held * moved.held / plain.held if told else self.held)
 
 
 def wall_rise(scene: Scene, steps, z, times, section, face: Face) -> np.ndarray:

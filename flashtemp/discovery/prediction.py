@@ -16,6 +16,7 @@ import numpy.typing as npt
 from flashtemp.camera.observation import observe
 from flashtemp.camera.placement import Kept, Place
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.wall import Face
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
 from flashtemp.discovery.deviations import with_mode, with_scatter
@@ -214,15 +215,17 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     recording, scene, asked = _where_it_is(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     kept: Kept = {}
+    face = Face.of(near.run)
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
         shift: Any = shift, change: Any = 0.0, place: Place = place,
     ) -> Array:  # fmt: skip
-        T = observe(run, scene, recording, acting, shift, change, place, kept).temperature
+        history = face if run is near.run else face.beside(run, near.level)
+        T = observe(run, scene, recording, acting, shift, change, place, kept, history).temperature
         return T if view.means is None else view.means.of(recording.time, T)
 
-    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept)
+    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face)
     seen = now if view.means is None else replace(now, temperature=view.means.of(recording.time, now.temperature))
     columns: dict[ParameterId, Single] = {}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 import flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
+from flashtemp.discovery import adequacy
+from flashtemp.discovery.parameters import Kind, ParameterId
 
 BOARD = Path(__file__).parents[1] / "cases" / "heated_board"
 PEERS = (6.2, 6.5, 10.6)  # K rms: best published submissions at 5.72, 11.44, 17.16 mm
@@ -63,3 +66,14 @@ def test_discovery_names_the_slope_of_the_conductivity(candidates):
     assert [c.effect for c in verdict.causes] == ["conductivity_slope"]
     assert verdict.extended.held_out_rmse_K < 1.2
     assert verdict.base.held_out_rmse_K > 6.0
+
+
+def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
+    """The gate's limit is zero: one rounding error of two equal solutions would leave the board unexplained."""
+    rounding = iter([0.0, 1e-14])
+
+    def solved(problem, more):
+        return SimpleNamespace(solution=SimpleNamespace(ln_evidence=next(rounding)))
+
+    fit = SimpleNamespace(solved=solved, effects={}, system=SimpleNamespace(names=[ParameterId(Kind.GAIN)]))
+    assert adequacy.generic(None, fit) == 0.0

@@ -14,6 +14,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import Derivatives, predict
+from flashtemp.discovery.problem import prepare
 
 BOARD = Path(__file__).parents[1] / "cases" / "heated_board"
 PEERS = (6.2, 6.5, 10.6)  # K rms: best published submissions at 5.72, 11.44, 17.16 mm
@@ -69,7 +71,12 @@ def test_discovery_names_the_slope_of_the_conductivity(candidates):
 
 
 def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
-    """The gate's limit is zero: one rounding error of two equal solutions would leave the board unexplained."""
+    """The gate's limit is 0: by one rounding error of two equal solutions the board was unexplained."""
+    problem = prepare(campaign.load(BOARD), lambda tasks: [predict(t) for t in tasks])
+    tasks = problem.tasks(problem.start, Derivatives(problem.free, scatter=True, modes=2, trends=True))
+    [made] = problem.predictions(tasks[:1])
+    kinds = {p.kind for o in made.observables.values() for p in o.columns}
+    assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}
     rounding = iter([0.0, 1e-14])
 
     def solved(problem, more):

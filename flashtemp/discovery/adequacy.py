@@ -22,8 +22,10 @@ TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last
 
 
 def generic(problem: Problem, fit: Fit) -> float:
-    """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions; 0 where nothing
-    slides: two solutions of the same columns differ by rounding, and its limit is zero."""
+    """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions.
+
+    0 where nothing slides: two solutions of the same columns differ by rounding, and the gate's limit is 0.
+    """
     unnamed = unnamed_heat(fit.system.names)
     if not unnamed:
         return 0.0

@@ -152,9 +152,10 @@ def predict(task: Task) -> Prediction:
 def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
     asked = point.task.derivatives
     yield from (pair for p in (*asked.own, *asked.held) for pair in _own(point, p))
-    if asked.scatter:
-        yield from _scatter(point.scene)
-    yield from _modes(point.scene, asked.modes, asked.trends)
+    if not point.scene.schedule.alone:  # else no contact to press or to rub
+        if asked.scatter:
+            yield from _scatter(point.scene)
+        yield from _modes(point.scene, asked.modes, asked.trends)
     if asked.laboratory and any(v.recording.places is None for v in point.task.views):
         yield from _sizes(point)
     for c in asked.candidates:

@@ -281,10 +281,10 @@ def test_fin_correction_against_the_corner_problem(lab, film, time):
     )
 
 
-def wall_of(lab, z, section, steps, time):
-    """The camera's wall (z,) in front of a section whose face has been at 1 since t = 0."""
+def wall_of(lab, z, section, steps, time, face=None):
+    """The camera's wall (z,) in front of a section whose face has been at 1 since t = 0, or as given."""
     scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
-    face = Face(np.array([[0.0], [1.0], [1.0]]), np.array([0.0, 1e-9, time]), np.inf)
+    face = face or Face(np.array([[0.0], [1.0], [1.0]]), np.array([0.0, 1e-9, time]), np.inf)
     steps = tuple(map(np.array, zip(*steps, strict=True)))
     return wall_rise(scene, steps, z, np.array([time]), section[None, None], face)[0, 0]
 
@@ -318,6 +318,20 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
     lab.check("wall of a face that warms slowly, share of its cooling", off.max(), 0.04)
 
 
+@pytest.mark.parametrize("after", [3.0, 8.0, 20.0, 35.0])
+def test_the_wall_remembers_ten_repetitions(lab, after):
+    """35 s hot and 10 s held at the air's, nine times, then hot again: the older the swings, the closer they are."""
+    film, hot, cold = 20.0, 35.0, 10.0
+    z, wall, mean = corner(*[(film, hot), (film, cold, 0.0)] * 9, (film, after), steps=60)
+    begins = (hot + cold) * np.arange(10)
+    times = np.sort(np.concatenate([begins, begins + 1e-6, begins[1:] - cold, begins[1:] - cold + 1e-6, [500.0]]))
+    rise = np.where((times % (hot + cold) > 5e-7) & (times % (hot + cold) < hot + 5e-7), 1.0, 0.0)[:, None]
+    found = wall_of(lab, z, mean, [(0.0, film)], begins[-1] + after, Face(rise, times, np.inf))
+    depth = (z > 2e-4) & (z < 6e-3)
+    off = np.abs(found - wall)[depth].max() / (mean - wall)[depth].max()
+    lab.check(f"wall of ten repetitions, {after:g} s into the last, over its cooling", off, 0.08)
+
+
 @pytest.mark.parametrize("after", [0.3, 8.0])
 def test_the_wall_remembers_the_film_that_it_had(lab, after):
     """30 W/m2K for 20 s, then 2: the wall warms up again as heat reaches it, not at once."""
@@ -335,7 +349,7 @@ def test_the_wall_remembers_the_film_that_it_had(lab, after):
 
 
 def corner(*stages, n=44, steps=120):
-    """Heights z, rise of the wall and mean across the width (n,) for a face at 1, after (film, time) stages."""
+    """Heights z, rise of the wall and mean across the width (n,) after stages (film, time, rise of the face if not 1)."""
     from scipy.sparse import csc_matrix, diags
     from scipy.sparse.linalg import splu
 
@@ -353,13 +367,13 @@ def corner(*stages, n=44, steps=120):
     source[:, 0] = dy / (dz[0] / (2 * k))
     rows, cols, values = (np.concatenate(part) for part in zip(*entries, strict=True))
     T, C = np.zeros(n * n), rc * np.outer(dy, dz).ravel()
-    for film, time in stages:
+    for film, time, *face in stages:
         sink, dt = source.copy(), time / steps
         sink[0] += dz / (dy[0] / (2 * k) + 1 / film)
         A = csc_matrix((values, (rows, cols)), (n * n, n * n)) - diags(sink.ravel(), format="csc")
         solve = splu((diags(C / dt) - A).tocsc()).solve
         for _ in range(steps):
-            T = solve(C / dt * T + source.ravel())
+            T = solve(C / dt * T + source.ravel() * (face[0] if face else 1.0))
     T = T.reshape(n, n)
     inner = dy[0] / (2 * k)
     return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), dy @ T / (W / 2)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.special import erfcx
 
 from flashtemp.model.laws import Laws
@@ -23,7 +24,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(28)
+FINE, AGES = 30, 3  # ages to a decade at which kernels are computed, and every how many of them a face's is taken
 ORDERS, EARLY = np.arange(1.0, 5.0), 0.1  # modes of a plate, and Fourier's number below which it is a half-space
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 REACH = 3.5  # z/(2 sqrt(D s)) beyond which nothing has arrived from the face
@@ -66,40 +67,62 @@ def wall_rise(scene: Scene, steps, z, times, section, face: Face) -> np.ndarray:
     resolved.
     """
     deep, k = z > 0.0, scene.block.conductivity
-    drawn = np.zeros_like(section[:, :, deep])  # K
-    even = np.zeros((len(times), 1, int(deep.sum())))  # the same of a section that is warm evenly, per kelvin
-    for begun, film in zip(*steps, strict=True):
-        on = times > begun
-        if not on.any():
-            continue
-        reach, ages, weights = _memory(scene, times[on] - begun, z[deep], face.held / k)
-        came = between(face.rise, face.times, np.maximum(times[on, None] - ages, face.times[0]).ravel())
-        came = np.swapaxes(weights @ came.reshape(*ages.shape, -1), 1, 2)
-        drawn[on] += film / k * (reach[:, None, None] * section[on][:, :, deep] - came)
-        even[on, 0] += film / k * (reach[:, None] - weights.sum(axis=2))
     wall = section.copy()
-    wall[:, :, deep] -= drawn / (1.0 + even)
+    begin, end = steps[0][0], max(times)
+    if end <= begin:
+        return wall
+    memory = _Memory.of(scene, z[deep], end - begin, face.held / k)
+    moments = np.union1d(face.times, steps[0])
+    rise = between(face.rise, face.times, moments)
+    for frame, t in enumerate(times):
+        if t <= begin:
+            continue
+        at = np.append(np.union1d(moments[(begin <= moments) & (moments < t)], memory.before(t, begin)), t)
+        reached, came = memory.since(t, at, *steps)
+        history = between(rise, moments, at)
+        drawn = reached * section[frame][:, deep] - (came @ (0.5 * (history[1:] + history[:-1]))).T
+        wall[frame][:, deep] -= drawn / (k + reached - came.sum(axis=1))  # of a section that is warm evenly: per kelvin
     return wall
 
 
-def _memory(scene: Scene, since, z, held: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R (frames,) in m of films that act `since` (s), ages (frames, nodes) in s of the face's heat, and its weights
-    (frames, z, nodes) in m; `held` is H/k in 1/m."""
-    D = scene.block.diffusivity
-    low = z / (2.0 * np.sqrt(D * since))[:, None]  # z/(2 sqrt(D s)) of the oldest heat
-    high = scene.height / np.sqrt(D * since)[:, None]
-    span = np.log(np.maximum(REACH / low.min(axis=1), 1.0 + 1e-9))
-    w = 0.5 * span[:, None] * (NODES + 1.0)
-    ages = since[:, None] * np.exp(-2.0 * w)
-    reach = _reach(scene, since)
-    part = 0.5 * span[:, None] * WEIGHTS
-    rest = (reach[:, None] - _reach(scene, ages)) * np.exp(w) * part
-    paths = ((1.0, low), (1.0, high - low), (-1.0, high + low), (-1.0, 2.0 * high - low))  # from the back, and again
-    fresh = sum(sign * far[:, :, None] * np.exp(-((far[:, :, None] * np.exp(w)[:, None]) ** 2)) for sign, far in paths)
-    lost = _rate(scene, ages) * 2.0 * ages * part
-    near = low[:, :, None] * np.exp(w)[:, None]
-    loose = np.exp(-(near**2)) * erfcx(near + held * np.sqrt(D * ages)[:, None])
-    return reach, ages, 2.0 / np.sqrt(np.pi) * fresh * rest[:, None] - loose * lost[:, None]
+@dataclass(frozen=True)
+class _Memory:
+    """What heat that has come through the face does at heights above it: over ln(a) of its age a, `fresh` is the
+    integral of g from 0 to a, `lost` that of g R + R' E."""
+
+    scene: Scene
+    grid: np.ndarray
+    fresh: PPoly
+    lost: PPoly
+
+    @classmethod
+    def of(cls, scene: Scene, z, oldest: float, held: float) -> _Memory:
+        """Of heights z (m) over the `oldest` age (s); `held` is H/k in 1/m."""
+        D = scene.block.diffusivity
+        first = min((float(z.min()) / (2.0 * REACH)) ** 2 / D, 0.1 * oldest)
+        grid = np.geomspace(first, oldest, 2 + int(FINE * np.log10(oldest / first)))
+        s, near = grid[:, None], z / (2.0 * np.sqrt(D * grid))[:, None]
+        high = scene.height / np.sqrt(D * grid)[:, None]
+        paths = ((1.0, near), (1.0, high - near), (-1.0, high + near), (-1.0, 2.0 * high - near))  # from the back too
+        g = sum(sign * far * np.exp(-(far**2)) for sign, far in paths) / np.sqrt(np.pi)  # times s, as both parts
+        loose = np.exp(-(near**2)) * erfcx(near + held * np.sqrt(D * s))
+        parts = g, g * _reach(scene, s) + s * _rate(scene, s) * loose
+        return cls(scene, grid, *(CubicSpline(np.log(grid), part).antiderivative() for part in parts))
+
+    def before(self, t: float, begin: float) -> np.ndarray:
+        """Moments (s) as close before t as the memory is short, none before `begin`."""
+        at = t - self.grid[::-AGES]
+        return at[at > begin]
+
+    def since(self, t: float, at, begun, change) -> tuple[float, np.ndarray]:
+        """What films that `begun` so far draw at the time t by their reach (W/mK), and what of it came (z, n - 1)
+        through the face between the times `at` (n,) of which t is the last, both per kelvin."""
+        on = begun < t
+        strength = change[on] * _reach(self.scene, t - begun[on])
+        acting = np.searchsorted(begun[on], at[:-1], side="right") - 1
+        age = np.log(np.maximum(t - at, self.grid[0]))
+        fresh, lost = (-np.diff(part(age), axis=0).T for part in (self.fresh, self.lost))
+        return float(strength.sum()), np.cumsum(strength)[acting] * fresh - np.cumsum(change[on])[acting] * lost
 
 
 def _reach(scene: Scene, s):

@@ -358,6 +358,18 @@ def test_without_the_true_effect_no_other_is_named_for_sure(found):
     assert all(c["effect"] != "pressure_crown" for c in now.candidates)
 
 
+@pytest.mark.long
+def test_the_story_of_the_paper_ends_with_its_cause():
+    """The ready case of ten repetitions: its peak was hidden with B = 2.037 and 4 mm (docs/paper_story.py)."""
+    verdict, _ = discover.discover(campaign.load(CASE.parent / "paper_story"))
+    assert verdict.kind == "named"
+    [cause] = verdict.causes
+    found = {e.name: e for e in cause.parameters}
+    for name, hidden in (("edge_pressure.B", 2.037), ("edge_pressure.length", 4e-3)):
+        assert abs(found[name].value - hidden) < 2.0 * found[name].stderr
+    assert verdict.extended.chi2_per_dof == pytest.approx(1.0033, abs=0.003)  # 10 mK of rounding is 0.0033 of it
+
+
 # --- what must change with the data, and what must not --------------------------------------------------
 @pytest.mark.long
 def test_noise_makes_less_certain_never_wrong(found):

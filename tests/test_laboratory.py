@@ -132,6 +132,45 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     assert np.sqrt(np.mean(off**2)) < 2e-4 * np.sqrt(np.mean(slope**2))
 
 
+@pytest.mark.parametrize("early", [0.015, 0.06])
+def test_a_clock_that_is_off_is_put_right_and_not_along_a_tangent(tiny, early):
+    """Where road or block has passed a pixel, no tangent reaches so far; the last frame is then of the very end."""
+    p = ParameterId(Kind.CLOCK, file="condition1_sidewall.nc")
+    base = calibrated(altered(tiny, lambda r: replace(r, time=r.time - early))).base
+    assert base.converged
+    assert base.model.places[p.file].clock < -0.3 * early  # what is usual draws it back
+    assert abs(base.model.places[p.file].clock + base.solution[p] + early) < 3.0 * base.solution.sd(p)
+    assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
+
+
+def test_a_late_clock_shows_what_an_earlier_stamp_shows(tiny):
+    [view], late = tiny.views, 0.03
+
+    def seen(told, model):
+        problem = prepare(told, lambda tasks: [prediction.predict(t) for t in tasks])
+        [made] = problem.predictions(problem.tasks(model, prediction.Derivatives(optics=True)))
+        return made.observables[view.file]
+
+    p = ParameterId(Kind.CLOCK, file=view.file)
+    moved = seen(tiny, Model().moved(p, late))
+    stamped = seen(altered(tiny, lambda r: replace(r, time=r.time - late)), Model())
+    np.testing.assert_allclose(moved.values, stamped.values, atol=1e-9)
+    np.testing.assert_allclose(moved.columns[ParameterId(Kind.CLOCK)], stamped.columns[ParameterId(Kind.CLOCK)])
+
+
+def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
+    """The last frame is of the end of the schedule: moved on, it and all its traces stay."""
+    [view], on = tiny.views, prediction.Derivatives(scatter=True)
+    problem = prepare(tiny, lambda tasks: [prediction.predict(t) for t in tasks])
+    there, beyond = (
+        problem.predictions(problem.tasks(Model().moved(ParameterId(Kind.CLOCK, file=view.file), c), on))[0]
+        for c in (0.0, -0.01)
+    )
+    p = ParameterId(Kind.SCATTER, (1,))
+    told, moved = (o.observables[view.file].columns[p][-1] for o in (there, beyond))
+    np.testing.assert_allclose(moved, told, rtol=1e-3)
+
+
 # --- priors that a campaign states ----------------------------------------------------------------------------
 def test_a_campaign_states_what_is_known_of_its_free_keys(tiny):
     told = replace(tiny, free=("contact.spot_fraction", "friction.mu"), priors={"contact.spot_fraction": 0.33})

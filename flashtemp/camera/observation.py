@@ -83,10 +83,14 @@ def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray,
 
 # --- the operator -----------------------------------------------------------------------------------
 class Instrument:
-    """The camera with what acts on it: values of its quantities for a recording."""
+    """The camera with what acts on it: values of its quantities for a recording, stamped late by `clock` (s)."""
 
-    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = ()):
-        self.recording, self.laws = recording, [(part, a.p) for a in acting for part in a.effect.see(a.p)]
+    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = (), clock: float = 0.0):
+        self.recording, self.clock, self.laws = (
+            recording,
+            clock,
+            [(part, a.p) for a in acting for part in a.effect.see(a.p)],
+        )
 
     def __call__(self, quantity: str, base):
         """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
@@ -95,7 +99,7 @@ class Instrument:
 
     def times(self) -> np.ndarray:
         """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
-        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", 0.0)
+        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", self.clock)
 
     def asked(self) -> np.ndarray:
         """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
@@ -109,11 +113,11 @@ def observe(
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
-    may be complex for their derivatives; `place` is the image's scale and turn, `kept` what turned
-    images of one recording share, `face` the history of the block's face where the run has few records.  Fields of
-    the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
+    may be complex for their derivatives; `place` is the image's scale, turn and clock, `kept` what
+    turned images of one recording share, `face` the history of the block's face where the run has few records.
+    Fields of the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
     """
-    camera = Instrument(recording, acting)
+    camera = Instrument(recording, acting, place.clock)
     if recording.places is not None:
         return _at_points(run, recording, camera)
     times = np.clip(camera.times(), 0.0, run.time[-1])

@@ -1,4 +1,4 @@
-"""An image whose scale is off or that is turned: where its pixels lie, and what they see of a body.
+"""An image whose scale or clock is off or that is turned: where its pixels lie, and what they see of a body.
 
 The scale is counted from the corner where the block's contact begins to be seen, and the image turns about the middle
 of what it shows of the contact.
@@ -20,13 +20,15 @@ ROWS = 24  # nodes across a turned body, at least: the turned lines between them
 
 @dataclass(frozen=True)
 class Place:
-    """How an image lies otherwise than told: pixels larger by a share `scale`, all of it turned by `turn` (rad).
+    """How an image lies otherwise than told: pixels larger by a share `scale`, all of it turned by `turn` (rad); by
+    `clock` (s) its frames are stamped late.
 
     What is told at u = u0 + x, v = y lies at u0 + (1 + scale)(x cos turn - y sin turn), (1 + scale)(y cos + x sin).
     """
 
     scale: Any = 0.0  # both complex for derivatives
     turn: Any = 0.0
+    clock: float = 0.0
 
 
 AS_TOLD = Place()

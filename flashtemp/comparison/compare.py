@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -226,10 +227,11 @@ def window(case: Case, views) -> dict[str, Any]:
     }
 
 
-def moments(views, scene: Scene) -> tuple[float, ...]:
-    """All times (s) that the frames of recordings show."""
-    shown = {float(t) for v in views for t in Instrument(v.recording, scene.acting).asked()}
-    return tuple(sorted(t for t in shown if 0.0 <= t <= scene.schedule.end))
+def moments(views, scene: Scene, late: Mapping[str, float] = MappingProxyType({})) -> tuple[float, ...]:
+    """All times (s) that the frames of recordings show, stamped `late` (s) by file; outside the schedule they show its
+    beginning or its end."""
+    shown = (Instrument(v.recording, scene.acting, late.get(v.file, 0.0)).asked() for v in views)
+    return tuple(sorted({float(t) for times in shown for t in np.clip(times, 0.0, scene.schedule.end)}))
 
 
 def check(view: View, scene: Scene) -> None:

@@ -28,7 +28,8 @@ KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence count
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
-FAINT = 1e-3  # of scale or rad: what moves the last of a hundred pixels by a tenth of itself is linear
+# what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
+FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3}  # of the scale, rad, s
 FAR = "far behind the best"  # why a descent went no further
 
 Watch = Callable[[str], Any]
@@ -254,9 +255,9 @@ class Descent:
             bound |= {max(outside, key=lambda p: abs(step[p]) / found.priors[p][1])}
 
     def _moves(self, p: ParameterId, step: float) -> bool:
-        """Whether a parameter is no mere column: scale and turn of an image are, as long as no pixel goes far."""
+        """Whether a parameter is no mere column: scale, turn and clock are, as long as no pixel goes far."""
         if p.kind in PLACED:
-            return bool(p.file) and abs(step) > FAINT
+            return bool(p.file) and abs(step) > FAINT[p.kind]
         return p.kind in (Kind.KEY, Kind.PLACE) or p.kind in SHIFTS or p in self.priors
 
     def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:

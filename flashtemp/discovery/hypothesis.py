@@ -43,8 +43,8 @@ def within(param: Param, value: float) -> float:
 @dataclass(frozen=True)
 class Model:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
-    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale and turn; `beads` (m): by
-    which points lie elsewhere along an axis."""
+    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale, turn and clock; `beads`
+    (m): by which points lie elsewhere along an axis."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -77,11 +77,11 @@ class Model:
         return self.shifts.get(file, (0.0, 0.0))
 
     def place(self, file: str) -> Place:
-        """Scale and turn of the image of a recording."""
+        """Scale, turn and clock of a recording."""
         return self.places.get(file, AS_TOLD)
 
     def placed(self, p: ParameterId) -> float:
-        """Where the scale or the turn of a recording's image stands; 0 for all else that only adds a column."""
+        """Where scale, turn or clock of a recording stands; 0 for all else that only adds a column."""
         return float(getattr(self.place(p.file), p.kind.value)) if p.kind in PLACED and p.file else 0.0
 
     def moved(self, p: ParameterId, step: float) -> Model:

@@ -46,7 +46,6 @@ PLAIN = frozenset(  # what everybody would calibrate
         Kind.LEVEL,
         Kind.CELL,
         Kind.MESH,
-        Kind.CLOCK,
         Kind.SIZE,
         Kind.PLACE,
     }

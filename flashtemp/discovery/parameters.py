@@ -35,9 +35,9 @@ class Kind(StrEnum):
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-PLACED = (Kind.SCALE, Kind.TURN)
-OF_THE_LABORATORY = (*PLACED, Kind.CLOCK, Kind.SIZE)
-OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.CLOCK, Kind.FLOOR})
+PLACED = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
+OF_THE_LABORATORY = (*PLACED, Kind.SIZE)
+OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 

@@ -43,8 +43,8 @@ DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole s
 @dataclass(frozen=True)
 class Derivatives:
     """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
-    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics`, by the `laboratory`: sizes of
-    the block and clocks of the cameras, by keys of the case that are `held`."""
+    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
+    `laboratory`: sizes of the block, by keys of the case that are `held`."""
 
     own: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -134,9 +134,9 @@ def predict(task: Task) -> Prediction:
         check(view, scene)
     point = Point(task, base, scene)
     moves = dict(_moves(point))
-    frames = moments(task.views, scene)
+    frames = moments(task.views, scene, {v.file: task.model.place(v.file).clock for v in task.views})
     asked = task.derivatives
-    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.laboratory else ()
+    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.optics else ()
     settings = replace(case.settings, times=tuple(sorted({*frames, *early})), fields=2)
     if moves:
         near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
@@ -246,9 +246,8 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     if asked.optics:
         for name, change in _optics(see, recording, shift, place, scene.length).items():
             keep(name, change)
-    if asked.laboratory:
-        earlier = see(recording=replace(recording, time=recording.time - LAG))
-        keep(ParameterId(Kind.CLOCK), (earlier - seen.temperature) / LAG)
+        later = see(place=replace(place, clock=place.clock + LAG))
+        keep(ParameterId(Kind.CLOCK), (later - seen.temperature) / LAG)
     return Observable(seen.temperature, seen.inside, columns)
 
 

@@ -21,8 +21,7 @@ from flashtemp.discovery.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
 
 # small, or of unknown shape: their first traces serve all fits
-FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND, Kind.SIZE, Kind.CLOCK)
-SHARED = (*PLACED, Kind.CLOCK)  # errors that all recordings of a view may have alike
+FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND, Kind.SIZE)
 ANCHOR = "friction.mu"  # the free key that a condition may have a level of its own for
 
 
@@ -120,7 +119,7 @@ class Data:
         out = []
         for i, p in enumerate(columns):
             out.append((p.within(number, entry.file), i))
-            if p.kind in SHARED and isinstance(entry, View):
+            if p.kind in PLACED and isinstance(entry, View):  # all recordings of a view may have it alike
                 out.append((ParameterId(p.kind, name=entry.recording.view), i))
             if p.kind is Kind.KEY and p.name == ANCHOR and p in self.problem.free:
                 out.append((ParameterId(Kind.LEVEL, condition=number), i))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -337,6 +338,48 @@ def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, 
     again = flashtemp.import_recording(place / f"{name}.toml", out=tmp_path / "again.nc").recording
     np.testing.assert_array_equal(again.temperature, told.temperature)
     assert again.u.tolist() == told.u.tolist()
+
+
+DROP = """([uploader, files]) => {
+    const all = new DataTransfer();
+    for (const [name, bytes] of files)
+        all.items.add(new File([Uint8Array.from(atob(bytes), c => c.charCodeAt(0))], name));
+    const at = document.querySelector(uploader);
+    at.dispatchEvent(new DragEvent("dragover", {bubbles: true, cancelable: true, dataTransfer: all}));
+    setTimeout(() => at.querySelector(".q-uploader__dnd").dispatchEvent(
+        new DragEvent("drop", {bubbles: true, cancelable: true, dataTransfer: all})), 100);
+}"""
+
+
+@pytest.mark.parametrize("several", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_a_flir_image_is_dropped_marked_and_saved(browser, tmp_path, several):
+    """A camera's own file, dragged onto the page from outside: what it says itself is not asked for."""
+    image = base64.b64encode((Path(__file__).parent / "data" / "flir_linear_load.jpg").read_bytes()).decode()
+    files = [["load.jpg", image], ["load2.jpg", image]] if several else [["load.jpg", image], ["notes.pdf", image]]
+    with served(tmp_path) as (address, _), page(browser, address) as seen:
+        seen.goto(address.split("/?")[0] + "/camera")
+        seen.locator(".q-uploader").wait_for()
+        seen.wait_for_timeout(500)  # the page's own connection
+        seen.evaluate(DROP, [".q-uploader", files])
+        seen.locator("#image").wait_for()
+        seen.get_by_text("emissivity 0.96, reflected 20").wait_for()
+        seen.locator("#image").scroll_into_view_if_needed()
+        for column in (20.0, 100.0):
+            seen.mouse.click(*at(seen, column, 90.0, columns=120))
+            seen.wait_for_timeout(300)
+        name = "camera.nc" if several else "load.nc"
+        assert seen.get_by_label("recording", exact=True).input_value() == name
+        if several:
+            seen.get_by_label("fps (1/s)").fill("9")
+        seen.get_by_label("start (s, of the first frame)").fill("1")
+        seen.get_by_role("button", name="Save recording and template").click()
+        seen.get_by_text("Recording 'sidewall'").wait_for()
+    told = recording.load(tmp_path / name)
+    assert told.temperature.shape[0] == len(files) - (not several)
+    assert told.emissivity == pytest.approx(0.96)
+    assert np.nanmax(told.temperature) == pytest.approx(89.11, abs=0.1)
+    assert told.pitch[0] == pytest.approx(25e-3 / 80, rel=0.01)
+    assert not (tmp_path / "notes.pdf").exists()
 
 
 def test_a_case_is_written_run_and_seen(browser, server, place):

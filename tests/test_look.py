@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 
+import matplotlib.image as mpimg
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.camera.looking import KEPT, _Kept
 from flashtemp.errors import BadInput
+from flashtemp.lab.images import opened
+from flashtemp.viz.raw_images import DEAD, OUT, encoded
 
 
 def images(folder, count=3, rows=20, columns=30):
@@ -36,9 +41,29 @@ def test_everything_in_the_files_is_told_and_nothing_asked(tmp_path):
     np.testing.assert_allclose(seen.mean, T[:, known].mean(axis=1), atol=1e-4)
     assert seen.span == pytest.approx((T.min(), T[:, known].max()), abs=1e-4)
     assert seen.counts.sum() == 3 * known.sum()
-    assert seen.dead == 1
+    assert seen.dead.sum() == 1
     assert "not in the file: --fps and --start" in str(seen)
     assert "3 of 30 x 20 pixels" in str(seen)
+
+
+def test_dead_pixels_and_those_beyond_the_range_are_told_apart(tmp_path):
+    """One never has a value; another has none in the second frame alone."""
+    images(tmp_path)
+    second = tmp_path / "img2.csv"
+    lines = [line.split("\t") for line in second.read_text().splitlines()]
+    lines[7][9] = "---"
+    second.write_text("\n".join("\t".join(cells) for cells in lines) + "\n")
+    seen = opened(sorted(tmp_path.glob("*.csv")))
+    assert [seen.told(k, 4.0, 3.0) for k in (0, 1)] == ["dead in every frame"] * 2
+    assert seen.told(1, 9.0, 7.0) == "beyond the camera's range"
+    assert seen.told(0, 9.0, 7.0).endswith("°C")
+    assert seen.told(0, -3.0, 7.0) == "outside"
+    assert seen.legend == "cyan: 1 dead in every frame; grey: beyond the camera's range, 1 in all frames together"
+    low, high = seen.seen.span
+    shown = mpimg.imread(io.BytesIO(encoded(seen.frames[1], low, high, 1, seen.seen.dead)))[..., :3]
+    np.testing.assert_allclose(shown[3, 4], to_rgb(DEAD), atol=3e-3)
+    np.testing.assert_allclose(shown[7, 9], to_rgb(OUT), atol=3e-3)
+    assert not opened([tmp_path / "img1.csv"]).seen.dead.any(), "one frame cannot tell"
 
 
 def test_the_command_draws_and_refuses_to_replace(tmp_path, capsys, monkeypatch):

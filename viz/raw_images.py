@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.colors import ListedColormap, to_rgba
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 from flashtemp.viz.residuals import plain
 
-COLUMNS, BELOW, OUT = 3, 2.1, "#D0D0D0"  # images in a row; inches of what stands below; pixels without a temperature
+COLUMNS, BELOW = 3, 2.1  # images in a row; inches of what stands below
+OUT, DEAD = "#D0D0D0", "#00D5D5"  # pixels beyond the camera's range; without a value in any frame
 
 
 @theme.styled
@@ -25,6 +27,7 @@ def draw(look) -> Figure:
     for ax, image, number in zip(axes, look.images, look.shown, strict=False):
         shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
         ax.set_facecolor(OUT)
+        ax.imshow(np.where(look.dead, 1.0, np.nan), cmap=ListedColormap([DEAD]), interpolation="nearest")
         ax.set_title(_when(look, int(number)))
     for ax in axes[n:]:
         ax.remove()
@@ -58,14 +61,17 @@ def _course(ax, look) -> None:
     ax.set(xlabel=label, ylabel=f"mean of the image, {theme.DEGREE}")
 
 
-def encoded(image: np.ndarray, low: float, high: float, zoom: int = 1) -> bytes:
-    """One image (rows, columns) degC as PNG in the colours of all temperatures, every pixel `zoom` x `zoom`."""
+def encoded(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:
+    """One image (rows, columns) degC as PNG in the colours of all temperatures, every pixel `zoom` x `zoom`; without a
+    value grey, or cyan where it is `dead` (rows, columns)."""
     from io import BytesIO
 
     from matplotlib.image import imsave
 
     colours = theme.temperature_map()((image - low) / max(high - low, 1e-9), bytes=True)
-    colours[~np.isfinite(image)] = (0xD0, 0xD0, 0xD0, 0xFF)
+    colours[~np.isfinite(image)] = [round(255 * c) for c in to_rgba(OUT)]
+    if dead is not None:
+        colours[dead] = [round(255 * c) for c in to_rgba(DEAD)]
     out = BytesIO()
     imsave(out, np.repeat(np.repeat(colours, zoom, axis=0), zoom, axis=1), format="png")
     return out.getvalue()

@@ -28,7 +28,8 @@ class Look(Shown):
 
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
     where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
-    `counts` of values between `edges` degC; `outside` the camera's range and `dead` in every frame, both in pixels.
+    `counts` of values between `edges` degC; `outside` the camera's range, their number; `dead`
+    (rows, columns) pixels without a value in any of several frames.
     """
 
     files: tuple[Path, ...]
@@ -45,7 +46,7 @@ class Look(Shown):
     counts: np.ndarray
     edges: np.ndarray
     outside: int
-    dead: int
+    dead: np.ndarray
     notes: tuple[str, ...]
     picture: Path | None = None
 
@@ -55,7 +56,7 @@ class Look(Shown):
             "files": [str(f) for f in self.files], "format": self.format, "camera": self.camera,
             "frames": len(self.mean), "rows": self.images.shape[1], "columns": self.images.shape[2],
             "temperature_degC": list(self.span), "begins": self._begins(), "lasts_s": self._lasts(), "fps": self.fps,
-            "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": self.dead,
+            "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": int(self.dead.sum()),
             "notes": list(self.notes), "picture": self.picture and str(self.picture),
         }  # fmt: skip
 
@@ -84,7 +85,10 @@ class Look(Shown):
             ("time", ", ".join(when) or "not in the file: --fps and --start, or --times"),
             ("temperature", f"{self.span[0]:.2f} to {self.span[1]:.2f} degC"),
             ("computed with", object_ or "not in the file"),
-            ("pixels left out", f"{self.dead} in all frames, {self.outside} values beyond the camera's range"),
+            (
+                "pixels left out",
+                f"{int(self.dead.sum())} dead in all frames, {self.outside} values beyond the camera's range",
+            ),
         ]
 
     def __str__(self) -> str:
@@ -140,7 +144,7 @@ def looked(
     counts, edges = counted.over(low, high)
     return Look(
         tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _all(clocks), _all(times),
-        first.fps, dict(first.said), (low, high), counts, edges, outside, int(dead.sum()), tuple(notes),
+        first.fps, dict(first.said), (low, high), counts, edges, outside, dead & (number > 1), tuple(notes),
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from flashtemp.lab.shared import command_line, file_address, link, told, when_it
 
 SAID = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
 VIEWS = ("sidewall", "wake", "profile")
-DROPPED = "camera"  # folder of files that were dropped on the page
+DROPPED = "camera"  # folder of files that were dropped on the page together
 
 
 class CameraPage:
@@ -44,7 +44,8 @@ class CameraPage:
             like = [str(p) for p in listing(self.folder).templates]
             if name and like:
                 self.like = ui.select(like, label="marked like", on_change=lambda: self._like(name)).classes("w-72")
-            ui.upload(label="or drop them here", multiple=True, auto_upload=True, on_upload=self._dropped)
+            drop = ui.upload(label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._dropped)
+            drop.props(f"accept={','.join(sorted(CAMERA))}").on_rejected(_no_camera_file)
         body = ui.column().classes("w-full")
         with body:
             waiting = ui.spinner(size="lg")
@@ -73,17 +74,17 @@ class CameraPage:
         """The same files with the marks and words of a template."""
         ui.navigate.to(link("camera", open=name, template=self.like.value))
 
-    async def _dropped(self, event: events.UploadEventArguments) -> None:
-        """Files dropped on the page are put into the folder, under a name that is free."""
-        name = Path(event.file.name).name
-        if Path(name).suffix.lower() not in CAMERA:
-            ui.notify(f"{name}: no camera file", type="negative")
-            return
-        place = self.folder / DROPPED
-        place.mkdir(exist_ok=True)
-        await event.file.save(place / free_name(place, name))
-        self.choice.set_options(self._choices(DROPPED), value=None)
-        ui.notify(f"{name} is in {DROPPED}/")
+    async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
+        """Files dropped on the page are put into the folder and opened: one alone under its own name, several in a new
+        folder of theirs."""
+        seen = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA]
+        place = self.folder if len(seen) == 1 else self.folder / free_name(self.folder, DROPPED)
+        for file in seen:
+            place.mkdir(exist_ok=True)
+            path = place / free_name(place, Path(file.name).name)
+            await file.save(path)
+        if seen:
+            ui.navigate.to(link("camera", open=str((path if len(seen) == 1 else place).relative_to(self.folder))))
 
     # --- what is seen ------------------------------------------------------------------------------------
     def _lay_out(self, seen: Opened) -> None:
@@ -235,6 +236,10 @@ class CameraPage:
         template = out.with_suffix(".toml")
         template.write_text(self.template(), encoding="utf-8")
         return import_recording(Request.of([str(template)], Facts()), overwrite=True)
+
+
+def _no_camera_file() -> None:
+    ui.notify(f"what is no camera file is left out; these are: {' '.join(sorted(CAMERA))}", type="negative")
 
 
 def _beside(path: Path, folder: Path) -> str:

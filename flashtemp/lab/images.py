@@ -45,9 +45,27 @@ class Opened:
         rows, columns = self.frames.shape[1:]
         return float(self.frames[frame, r, c]) if 0 <= c < columns and 0 <= r < rows else None
 
+    def told(self, frame: int, column: float, row: float) -> str:
+        """What there is to say of the pixel at a place."""
+        T = self.value(frame, column, row)
+        if T is None:
+            return "outside"
+        if np.isfinite(T):
+            return f"{T:.2f} °C"
+        return "dead in every frame" if self.seen.dead[round(row), round(column)] else "beyond the camera's range"
+
+    @property
+    def legend(self) -> str:
+        """What the colours of pixels without a value mean, where there are any."""
+        dead = int(self.seen.dead.sum())
+        words = [f"cyan: {dead} dead in every frame"] if dead else []
+        missing = int(np.isnan(self.frames).sum()) - dead * len(self.frames)
+        words += [f"grey: beyond the camera's range, {missing} in all frames together"] if missing else []
+        return "; ".join(words)
+
     def picture(self, frame: int, low: float, high: float) -> str:
         """One frame as the address of a PNG picture."""
-        return _address(self.frames[frame], low, high, self.zoom)
+        return _address(self.frames[frame], low, high, self.zoom, self.seen.dead)
 
     def detail(self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int) -> str:
         """What lies about a place, magnified: 2 half + 1 pixels square, grey beyond the image."""
@@ -56,15 +74,18 @@ class Opened:
         rows, columns = self.frames.shape[1:]
         top, left = max(0, r - half), max(0, c - half)
         part = self.frames[frame, top : min(rows, r + half + 1), left : min(columns, c + half + 1)]
+        dead = np.zeros(T.shape, bool)
         if part.size:
-            T[top - r + half :, left - c + half :][: part.shape[0], : part.shape[1]] = part
-        return _address(T, low, high, zoom)
+            there = slice(top - r + half, top - r + half + len(part)), slice(left - c + half, None)
+            T[there][:, : part.shape[1]] = part
+            dead[there][:, : part.shape[1]] = self.seen.dead[top:, left:][: part.shape[0], : part.shape[1]]
+        return _address(T, low, high, zoom, dead)
 
 
-def _address(T: np.ndarray, low: float, high: float, zoom: int) -> str:
+def _address(T: np.ndarray, low: float, high: float, zoom: int, dead: np.ndarray | None = None) -> str:
     from flashtemp.viz.raw_images import encoded
 
-    return "data:image/png;base64," + b64encode(encoded(T, low, high, zoom)).decode()
+    return "data:image/png;base64," + b64encode(encoded(T, low, high, zoom, dead)).decode()
 
 
 def opened(files: list[Path], facts: Facts = Facts()) -> Opened:  # noqa: B008 (frozen)

@@ -58,6 +58,8 @@ class MarkedImage:
             self.span = ui.range(min=low, max=high, step=step, value={"min": low, "max": high})
             self.span.on_value_change(lambda: self.drawn())
             self.range = ui.label().classes("w-64")
+        if words := self.opened.legend:
+            ui.label(words).classes("text-sm")
 
     def show_controls(self) -> None:
         """What is to be marked next, the magnifier, places to be typed, and the block's size."""
@@ -124,9 +126,7 @@ class MarkedImage:
         """A mark is set, taken up, moved, let go; the value under the cursor is told."""
         zoom = self.opened.zoom
         c, r = event.image_x / zoom - 0.5, event.image_y / zoom - 0.5
-        T = self.opened.value(int(self.frame.value), c, r)
-        said = "outside" if T is None else "no value" if T != T else f"{T:.2f} °C"
-        self.value.text = f"column {c:.1f}, row {r:.1f}: {said}"
+        self.value.text = f"column {c:.1f}, row {r:.1f}: {self.opened.told(int(self.frame.value), c, r)}"
         if event.type == "mousedown":
             grips = [n for n, (a, b) in self.points.items() if max(abs(a - c), abs(b - r)) * zoom < NEAR]
             self.held = grips[0] if grips else str(self.next.value)

@@ -307,6 +307,30 @@ def test_command(tmp_path, image, capsys, monkeypatch):
     assert out.startswith("Recording 'sidewall' of 1 frames")
 
 
+def test_options_take_units(tmp_path, image, capsys, monkeypatch):
+    """Separate, joined by "=" and negative; several numbers of one option, some plain."""
+    monkeypatch.chdir(tmp_path)
+    plain = ["--start", "-1.5", "--mm-per-pixel", "0.5", "--block", "20", "10", "--netd", "0.03", "--exposure", "0.01"]
+    units = [
+        "--start=-1500ms",
+        "--mm-per-pixel",
+        "500 um",
+        "--block",
+        "2 cm",
+        "10",
+        "--netd",
+        "30mK",
+        "--distance=40 cm",
+    ]
+    rest = ["--view", "sidewall", "--downstream", "right", "--up", "up", "--pixel", "5", "24", "--repetition", "1"]
+    for out, words in (("a.nc", plain), ("b.nc", units)):
+        assert main(["import", "a.csv", "--out", out, *rest, *words]) == 0
+    one, other = recording.load("a.nc"), recording.load("b.nc")
+    np.testing.assert_array_equal(one.temperature, other.temperature)
+    assert one.u.tolist() == other.u.tolist()
+    assert (one.time.tolist(), one.netd_K) == (other.time.tolist(), other.netd_K) == ([-1.5], 0.03)
+
+
 def test_everything_missing_is_asked_for_at_once(tmp_path, image, capsys):
     assert main(["import", str(image), "--out", str(tmp_path / "r.nc")]) == 2
     out, err = capsys.readouterr()
@@ -331,6 +355,7 @@ def test_everything_missing_is_asked_for_at_once(tmp_path, image, capsys):
         ),
         (["--out", "r.nc", "--fps", "0"], "fps: 0; give"),
         (["--out", "r.nc", "--mm-per-pixel", "-1"], "mm_per_pixel: -1; give"),
+        (["--out", "r.nc", "--mm-per-pixel", "2 s"], "mm_per_pixel: '2 s' is no quantity in mm"),
         (["--out", "r.nc", "--downstream", "up"], "--up left or right"),
         (["--out", "r.nc", "--downstrem", "up"], "--downstrem"),
         (["--out", "r.nc", "--zero", "noon", "--start", "0", "--psf-sigma", "-1"], "psf_sigma_px: -1; give"),

@@ -19,9 +19,10 @@ CHOICES = {
     "dead_pixels": ("find", "keep"),
 }
 UNITS = {  # of facts that are numbers
-    "mm_per_pixel": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s", "emissivity": "1",
-    "reflected": "degC", "air": "degC", "humidity": "1", "distance": "m", "window": "1", "window_temperature": "degC",
-    "offset": "degC", "below": "degC", "exposure": "s", "psf_sigma": "px", "registration_sigma": "px",
+    "mm_per_pixel": "mm", "at": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s",
+    "emissivity": "1", "reflected": "degC", "air": "degC", "humidity": "1", "distance": "m", "window": "1",
+    "window_temperature": "degC", "offset": "degC", "below": "degC", "exposure": "s", "netd": "K",
+    "fixed_pattern": "K", "band": "K", "psf_sigma": "px", "registration_sigma": "px",
 }  # fmt: skip
 Direction = Literal["right", "left", "up", "down"]
 
@@ -257,6 +258,22 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
     if faults:
         raise BadInput(*faults)
     return files, None if out is None else str(path.parent / out), Facts(**values)
+
+
+def in_plain_numbers(words: list[str]) -> list[str]:
+    """Words of a command line with the numbers of options as plain ones where they have a unit.  Raises BadInput.
+
+    >>> in_plain_numbers(["import", "a.csv", "--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"])
+    ['import', 'a.csv', '--block', '25.0', '7', '--start=-0.02', '--was.air', '20.0']
+    """
+    out, option = [], ""
+    for word in words:
+        name, given, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        option = name[2:].replace("-", "_") or option
+        if units.meant(value) and option.split(".")[-1] in UNITS:
+            value = repr(_number(option, value))
+        out.append(name + given + value)
+    return out
 
 
 def _value(key: str, kind: str, value: Any, folder: Path) -> Any:

@@ -6,9 +6,10 @@ from typing import Any
 
 from cyclopts import App, CycloptsError
 
+from flashtemp.camera.import_options import in_plain_numbers
 from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
 
-__all__ = ["COMMANDS", "CycloptsError", "app"]
+__all__ = ["COMMANDS", "CycloptsError", "app", "plain"]
 
 app = App(
     name="flashtemp",
@@ -26,4 +27,11 @@ COMMANDS: tuple[Any, ...] = (  # in the order of use
 )  # fmt: skip
 for _number, _command in enumerate(COMMANDS):
     app.command(_command, name=_command.__name__.rstrip("_"), sort_key=_number)
+
+
+def plain(words: list[str]) -> list[str]:
+    """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
+    return in_plain_numbers(words) if words[:1] == ["import"] else words
+
+
 app.register_install_completion_command(sort_key=len(COMMANDS))

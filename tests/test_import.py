@@ -320,7 +320,7 @@ def test_options_take_units(tmp_path, image, capsys, monkeypatch):
         "10",
         "--netd",
         "30mK",
-        "--distance=40 cm",
+        "--exposure=10 ms",
     ]
     rest = ["--view", "sidewall", "--downstream", "right", "--up", "up", "--pixel", "5", "24", "--repetition", "1"]
     for out, words in (("a.nc", plain), ("b.nc", units)):

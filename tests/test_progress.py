@@ -8,6 +8,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.cli import terminal
+from flashtemp.discovery import discover
 
 
 @pytest.fixture
@@ -38,6 +39,22 @@ def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys):
 def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):
     monkeypatch.setenv("FLASHTEMP_PROGRESS", "2")
     assert len(lines(clock, capsys, 301)) > 140
+
+
+def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
+    """From its first look on; what is left falls while a stage lasts, and what comes after it is never forgotten."""
+    now, told = [0.0], []
+    monkeypatch.setattr(discover.time, "monotonic", lambda: now[0])
+    say = discover._timed(told.append)
+    for at, text in (
+        (0.0, "calibrating the model"), (15.0, "going to the best point"), (18.0, "  round 2"), (60.0, "  round 3"),
+        (60.0, "traces of the candidates"), (100.0, "fitting tilt"), (100.0, "traces of the candidates"),
+    ):  # fmt: skip
+        now[0] = at
+        say(text)
+    left = [re.search(r"about (\d+) s left", t) for t in told]
+    assert left[0] is None
+    assert [int(m[1]) for m in left[1:]] == [85, 82, 140, 140, 100, 33]
 
 
 def test_what_is_short_says_nothing(clock, capsys):

@@ -102,9 +102,8 @@ def plan(
     """
     loaded = campaign_of(campaign, planned=True)
     with wanted(out) as work:
-        say(f"traces of all candidates under {len(loaded.conditions)} conditions, then of experiments that may follow")
         with crew(predict, workers, scheduler) as run:
-            outlook = experiment_design.plan(prepare(loaded, run))
+            outlook = experiment_design.plan(prepare(loaded, run), say)
         if work is not None:
             write_json(outlook.as_dict(), work / "plan.json")
             with drawing(outlook, out or work, "separability.png", AGAIN):

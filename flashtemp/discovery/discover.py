@@ -35,7 +35,7 @@ from flashtemp.runs.workers import crew
 SHOWN = 20  # candidates in the separability matrix
 SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
 # of the work that is done when a stage begins, as a rule
-SHARES = {"traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
+SHARES = {"going": 0.15, "traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
 
 
 def discover(
@@ -56,17 +56,18 @@ def discover(
 
 
 def _timed(watch: Watch) -> Callable[[str], Any]:
-    """The same with the time gone, and from the second stage on an estimate of the time left."""
-    began, done = time.monotonic(), 0.0
+    """The same with the time gone and, as soon as everything was simulated once, an estimate of the time left."""
+    began, done, ends = time.monotonic(), 0.0, 0.0
 
     def say(text: str) -> None:
-        nonlocal done
-        share = SHARES.get(text.split()[0], 0.0)
+        nonlocal done, ends
+        gone, share = time.monotonic() - began, SHARES.get(text.split()[0], 0.0)
         if share:  # a stage that comes again takes half of what was left
             done = share if share > done else 0.5 * (1.0 + done)
-        gone = time.monotonic() - began
-        left = f", about {gone * (1.0 / done - 1.0):.0f} s left" if done else ""
-        watch(f"{text} ({gone:.0f} s{left})")
+            ends = gone / done
+        after = min((s for s in SHARES.values() if s > done), default=0.5 * (1.0 + done))
+        left = max(ends - gone, gone * (1.0 / after - 1.0))  # a stage that takes longer has the next ones after it
+        watch(f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if done else ''})")
 
     return say
 

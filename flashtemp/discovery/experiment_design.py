@@ -7,6 +7,7 @@ follows from the model.  The experiment to add is the one that leaves most of th
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +19,7 @@ from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery import sensor_places
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.calibration import Fit, Watch
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.nuisances import MODES, nuisances
@@ -126,14 +127,18 @@ def _sensor_words(e: Experiment) -> str:
     return f"next thermocouple {e.words}: sigma left beside all rivals {left}"
 
 
-def plan(problem: Problem) -> Outlook:
+def plan(problem: Problem, watch: Watch = lambda text: None) -> Outlook:
     """The outlook of a campaign whose recordings may be blank.  Raises BadInput, SolverFailure."""
-    model = problem.start
+    model, began = problem.start, time.monotonic()
+    watch(f"traces of all candidates under {len(problem.conditions)} conditions")
     predictions = problem.predictions(problem.tasks(model, _everything(problem)))
     fit = _blank_fit(problem, model, predictions)
     separable = separability(fit, problem.tried)
     prospects = _prospects(problem, fit, separable)
     weak = [p.effect for p in prospects if p.z > NOTHING and not p.separable]
+    gone = time.monotonic() - began
+    left = gone * len(ADDED) / len(problem.conditions) if weak else 0.0
+    watch(f"what a further condition or sensor would tell ({gone:.0f} s, about {left:.0f} s left)")
     added = experiments(problem, fit, weak) if weak else ()
     known = [p.effect for p in prospects if p.z > NOTHING]
     return Outlook(problem.campaign.title, prospects, separable, added, sensors(problem, fit, weak or known))

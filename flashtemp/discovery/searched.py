@@ -120,6 +120,7 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     data = Data.begin(problem, first, coarse)
     begun = Descent(problem, data, model).take(first)
     del first, coarse  # columns of all pixels
+    watch("going to the best point of it")
     [end] = descend(problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)

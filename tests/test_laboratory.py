@@ -16,7 +16,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
 from flashtemp.discovery import discover, prediction
-from flashtemp.discovery.calibration import BACK, TRIES, Descent, Fit
+from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent, Fit
 from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block
 from flashtemp.discovery.orientation import mirrored
@@ -383,3 +383,22 @@ def test_friction_held_at_a_wrong_value_is_said_first(tmp_path):
     assert v.held_key.freed
     assert v.as_dict()["extended_case"] == "extended.toml"
     assert abs(v.held_key.value / 1.0956 - 1.0) < 0.06  # drawn by seed 13
+
+
+class Swing(Curve):
+    """Slopes half as steep as they are: every step goes as far beyond the best point as it began before it."""
+
+    def blocks(self, predictions):
+        [block] = super().blocks(predictions)
+        left = self.asked[-1] - 0.5
+        return [replace(block, r=np.array([-self.noise * left]), C=np.array([[0.5 * self.noise]]))]
+
+
+@pytest.mark.parametrize(("steep", "rounds"), [(1.0, (1, 3)), (4.0, (6, 12))])
+def test_two_points_that_point_at_each_other_are_an_end_where_nothing_is_to_be_gained(tmp_path, steep, rounds):
+    """A promise of 0.12 is nothing; one of 2 is something, and ends no fit until what is known has drawn it in."""
+    curve = Swing(steep)
+    end = descended(curve, tmp_path, 1.0).fit
+    assert rounds[0] <= len(curve.asked) <= rounds[1]
+    assert end.converged
+    assert end.promise < VAIN

@@ -26,6 +26,7 @@ CHORD, CONTRACTS = 0.1, 0.5  # step after which traces stay as they are, and how
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
+VAIN = 0.25  # the same where the step before promised as little, was taken and did not gain it
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
@@ -41,7 +42,8 @@ class Fit:
     standard deviations, of which the last is the one it would still take.
 
     `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
-    `promise` the ln evidence that the last step would still gain.
+    `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
+    was taken and did not gain it: where rims of an image come and go, two points point at each other.
     """
 
     model: Model
@@ -53,6 +55,7 @@ class Fit:
     history: tuple[float, ...]
     bound: frozenset[ParameterId] = frozenset()
     promise: float = np.inf
+    vain: bool = False
 
     @property
     def blocks(self) -> list[Block]:
@@ -61,7 +64,7 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the certificate holds: the next step is short, or gains nothing."""
-        return self.history[-1] < ENOUGH or (self.usable and self.promise < EVEN)
+        return self.history[-1] < ENOUGH or (self.usable and (self.promise < EVEN or self.vain))
 
     @property
     def usable(self) -> bool:
@@ -178,14 +181,20 @@ class Descent:
         )
         history = (*self.history, float(max(sizes, default=0.0)))
         fit = Fit(
-            self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise
-        )
+            self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise,
+            self._in_vain(value, promise),
+        )  # fmt: skip
         contracts = self.bent or history[-1] < CONTRACTS * self.history[-1]
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
             tried=self.tried + 1, bent=not (self.rough and contracts and history[-1] < CHORD),
         )  # fmt: skip
         return now if now.done else replace(now, model=now._onward(fit))
+
+    def _in_vain(self, value: float, promise: float) -> bool:
+        """Whether a small promise was kept by less than itself, and the next is as small."""
+        last = self.best
+        return last is not None and max(last.fit.promise, promise) < VAIN > value - last.ln_evidence
 
     def retreat(self, best: Fit) -> Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""

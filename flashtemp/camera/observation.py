@@ -109,12 +109,14 @@ class Instrument:
 def observe(
     run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0,
     place: Place = AS_TOLD, kept: Kept | None = None, face: Face | None = None,
+    ruler: tuple[float, float] | None = None,
 ) -> Seen:  # fmt: skip
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
     may be complex for their derivatives; `place` is the image's scale, turn and clock, `kept` what
     turned images of one recording share, `face` the history of the block's face where the run has few records.
+    `ruler`: length and width (m) of the block by which pixels are chosen, where they are not the scene's.
     Fields of the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting, place.clock)
@@ -139,11 +141,11 @@ def observe(
         told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
         part = LONG_WAVE.temperature(told) + offset[done : done + len(batch)]
         if len(batches) == 1:
-            return Seen(part, _inside(recording, along, up))
+            return Seen(part, _inside(recording, *_as_told(recording, scene, ruler, along, up)))
         shown = np.empty((len(times), *part.shape[1:]), part.dtype) if shown is None else shown
         shown[done : done + len(batch)], done = part, done + len(batch)
     assert shown is not None
-    return Seen(shown, _inside(recording, along, up))
+    return Seen(shown, _inside(recording, *_as_told(recording, scene, ruler, along, up)))
 
 
 def _at_points(run, recording: Recording, camera: Instrument) -> Seen:
@@ -246,6 +248,16 @@ def _free_road(run, length: float, recording: Recording):
 
     lines = run.mesh.x_centre[run.mesh.last :] if right else run.mesh.x_centre[: run.mesh.first]
     return np.concatenate([[length], lines, x[-1:]] if right else [x[:1], lines, [0.0]]), road
+
+
+def _as_told(recording: Recording, scene: Scene, ruler: tuple[float, float] | None, along, up):
+    """Nodes (m) along and up of what is in view, had the block the length and width that were told."""
+    if ruler is None:
+        return along, up
+    if recording.view != "wake":
+        return along * (ruler[0] / scene.length), up
+    behind = corner(recording, scene.length)
+    return along + (ruler[0] - behind if behind else 0.0), up * (ruler[1] / scene.width)
 
 
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
-from flashtemp.discovery.parameters import PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
+from flashtemp.discovery.parameters import OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem, checked
 from flashtemp.discovery.scales import Scaled, solved
@@ -30,7 +30,7 @@ VAIN = 0.25  # the same where the step before promised as little, was taken and 
 MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
-FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3}  # of the scale, rad, s
+FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3, Kind.SIZE: 2e-3}  # relative, rad, s, relative
 FAR = "far behind the best"  # why a descent went no further
 
 Watch = Callable[[str], Any]
@@ -145,7 +145,7 @@ class Descent:
         if not self.bent:
             return self.problem.tasks(self.model, Derivatives())
         own = (*self.problem.free, *self.priors)
-        return self.problem.tasks(self.model, replace(self.derivatives, own=own, optics=True))
+        return self.problem.tasks(self.model, replace(self.derivatives, own=own, optics=True, laboratory=True))
 
     @property
     def done(self) -> bool:
@@ -171,7 +171,7 @@ class Descent:
         """The next state from the columns at the present point."""
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
-        value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in PLACED])  # these stay columns
+        value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
         if self.best is not None and value < self.best.ln_evidence - WORSE:
             return self.retreat(self.best.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
@@ -208,9 +208,9 @@ class Descent:
         """Where a fit points, no farther than is trusted: the nearer, the more along the steepest way."""
         steps = self._steps(fit.solution, fit.priors)
         if self.trust < LONGEST:
-            damped = fit.priors
+            damped, moving = fit.priors, {*steps, *map(self._of_the_view, steps)}
             while self._far(steps, fit) > self.trust:
-                damped = {p: self._damped(p, damped[p], p in steps) for p in damped}
+                damped = {p: self._damped(p, damped[p], p in moving) for p in damped}
                 steps = self._steps(fit.system.solve(damped), damped, frozenset(steps))
         return self._moved(fit, steps)
 
@@ -228,11 +228,15 @@ class Descent:
 
     def _shared(self, solution: Solution, p: ParameterId) -> float:
         """What all recordings of the view have besides."""
+        both = self._of_the_view(p)
+        return solution[both] if both is not None and both in solution.names else 0.0
+
+    def _of_the_view(self, p: ParameterId) -> ParameterId | None:
+        """The error of a recording that all recordings of its view may have."""
         if p.kind not in PLACED or not p.file:
-            return 0.0
+            return None
         view = next(v.recording.view for v in self.problem.campaign.views if v.file == p.file)
-        both = ParameterId(p.kind, name=view)
-        return solution[both] if both in solution.names else 0.0
+        return ParameterId(p.kind, name=view)
 
     def _far(self, steps: dict[ParameterId, float], fit: Fit) -> float:
         """The longest of steps from a fit, images' places left out."""
@@ -264,9 +268,9 @@ class Descent:
             bound |= {max(outside, key=lambda p: abs(step[p]) / found.priors[p][1])}
 
     def _moves(self, p: ParameterId, step: float) -> bool:
-        """Whether a parameter is no mere column: scale, turn and clock are, as long as no pixel goes far."""
-        if p.kind in PLACED:
-            return bool(p.file) and abs(step) > FAINT[p.kind]
+        """Whether a parameter is no mere column: errors of the laboratory are, as long as no pixel goes far."""
+        if p.kind in FAINT:
+            return bool(p.file or p.kind is Kind.SIZE) and abs(step) > FAINT[p.kind]
         return p.kind in (Kind.KEY, Kind.PLACE) or p.kind in SHIFTS or p in self.priors
 
     def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:
@@ -278,7 +282,7 @@ class Descent:
                 shift = list(model.shift(p.file))
                 shift[p.axis] += float(np.clip(step, -1.0, 1.0))
                 model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
-            elif p.kind in (Kind.KEY, Kind.PLACE) or p.kind in PLACED:
+            elif p.kind in (Kind.KEY, Kind.PLACE, *OF_THE_LABORATORY):
                 model = model.moved(p, step)
             else:
                 strength = self._strength(p, model)

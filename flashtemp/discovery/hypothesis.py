@@ -44,17 +44,19 @@ def within(param: Param, value: float) -> float:
 class Model:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
     `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale, turn and clock; `beads`
-    (m): by which points lie elsewhere along an axis."""
+    (m): by which points lie elsewhere along an axis; `sizes` {key: share} by which the block is larger than told."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     places: dict[str, Place] = field(default_factory=dict)
     beads: dict[ParameterId, float] = field(default_factory=dict)
+    sizes: dict[str, float] = field(default_factory=dict)
 
     def on(self, case: Case) -> Case:
         """The case at this point.  Raises BadInput."""
-        return case.with_values(self.overrides(case))
+        ruler = {key: case[key] * (1.0 + share) for key, share in self.sizes.items()}
+        return case.with_values(self.overrides(case) | ruler)
 
     def overrides(self, case: Case) -> dict[str, Any]:
         """Keys of the case that this point changes; values are kept within their bounds."""
@@ -81,13 +83,17 @@ class Model:
         return self.places.get(file, AS_TOLD)
 
     def placed(self, p: ParameterId) -> float:
-        """Where scale, turn or clock of a recording stands; 0 for all else that only adds a column."""
+        """Where scale, turn or clock of a recording, or a size, stands; 0 for all else that only adds a column."""
+        if p.kind is Kind.SIZE:
+            return self.sizes.get(p.name, 0.0)
         return float(getattr(self.place(p.file), p.kind.value)) if p.kind in PLACED and p.file else 0.0
 
     def moved(self, p: ParameterId, step: float) -> Model:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
         if p.kind is Kind.PLACE:
             return replace(self, beads=self.beads | {p: self.beads.get(p, 0.0) + step})
+        if p.kind is Kind.SIZE:
+            return replace(self, sizes=self.sizes | {p.name: self.placed(p) + step})
         if p.kind in PLACED:
             there = replace(self.place(p.file), **{p.kind.value: self.placed(p) + step})
             return replace(self, places=self.places | {p.file: there})

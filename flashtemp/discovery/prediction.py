@@ -215,7 +215,7 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
 def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
     recording, scene, asked = _where_it_is(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
-    kept: Kept = {}
+    ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
     face = Face.of(near.run)
 
     def see(
@@ -223,10 +223,10 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
         shift: Any = shift, change: Any = 0.0, place: Place = place,
     ) -> Array:  # fmt: skip
         history = face if run is near.run else face.beside(run, near.level)
-        T = observe(run, scene, recording, acting, shift, change, place, kept, history).temperature
+        T = observe(run, scene, recording, acting, shift, change, place, kept, history, ruler).temperature
         return T if view.means is None else view.means.of(recording.time, T)
 
-    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face)
+    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face, ruler)
     seen = now if view.means is None else replace(now, temperature=view.means.of(recording.time, now.temperature))
     columns: dict[ParameterId, Single] = {}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from flashtemp.discovery.calibration import FAR, Descent, Fit, Watch, descend
 from flashtemp.discovery.held_keys import HeldKey
@@ -23,6 +23,7 @@ APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
 IDLE = "ends where it does nothing"  # why a full fit is no rival
+LENGTHS = (-0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04)  # shares by which a block may be longer than told
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 Ranking = tuple[Score, ...]
 
@@ -118,13 +119,31 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         first = problem.predictions(problem.tasks(model, everything))
     coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
     data = Data.begin(problem, first, coarse)
-    begun = Descent(problem, data, model).take(first)
+    begun = _by_length(problem, data, Descent(problem, data, model).take(first), everything)
     del first, coarse  # columns of all pixels
     watch("going to the best point of it")
     [end] = descend(problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)
     return Calibrated(problem, data, end.fit, refused, mirrored)
+
+
+def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivatives) -> Descent:
+    """Where the model misfits grossly, begun at the length of the block that fits best: images show its trailing edge
+    within a pixel or two, and no tangent tells which way it is farther off."""
+    assert begun.fit is not None
+    if not begun.fit.hopeless or problem.case["schedule.alone"]:
+        return begun
+    fits = {}
+    for share in LENGTHS:
+        model = replace(begun.fit.model, sizes={"block.length": share})
+        seen = problem.predictions(problem.tasks(model, Derivatives()))
+        fits[share] = begun.fit.system.shown(data.residuals(seen)).solve(begun.fit.priors).chi2
+    best = min(fits, key=lambda share: fits[share])
+    if begun.fit.solution.chi2 - fits[best] < 2.0 * HOPELESS:
+        return begun
+    model = replace(begun.fit.model, sizes={"block.length": best})
+    return Descent(problem, data, model).take(problem.predictions(problem.tasks(model, everything)))
 
 
 def traced(

@@ -21,7 +21,7 @@ from flashtemp.discovery.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
 
 # small, or of unknown shape: their first traces serve all fits
-FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND, Kind.SIZE)
+FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND)
 ANCHOR = "friction.mu"  # the free key that a condition may have a level of its own for
 
 

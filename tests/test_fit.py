@@ -142,7 +142,7 @@ def test_traces_stay_after_a_short_step_and_the_end_is_that_of_exact_ones(two):
             descents = advance(two.problem, descents)
         ends[rough] = descents[0].fit
         assert ends[rough].converged
-    assert asked[True] < asked[False]
+    assert asked[True] <= asked[False]
     for key in AWAY:
         p = ParameterId.of_key(key)
         assert abs(value(ends[True], key) - value(ends[False], key)) < 0.1 * ends[False].solution.sd(p), key

@@ -110,6 +110,20 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
 
 
+def test_a_block_much_longer_than_told_is_found(tmp_path):
+    """Nearly four times what a ruler may be off by: from the length that was told no fit gets there."""
+    told = 0.0241
+    (tmp_path / "case.toml").write_text("")
+    lab = twin(load(tmp_path / "case.toml", TINY), Plan((), 43, 1, ("sidewall", "wake"), 12), tmp_path / "lab")
+    text = (lab / "case.toml").read_text()
+    assert "length = 0.025" in text
+    (lab / "case.toml").write_text(text.replace("length = 0.025", f"length = {told}"))
+    base, p = calibrated(campaign.load(lab)).base, ParameterId(Kind.SIZE, name="block.length")
+    found = told * (1.0 + base.model.sizes[p.name] + base.solution[p])
+    assert base.usable
+    assert abs(found - 0.025) < min(1e-4, 3.0 * told * base.solution.sd(p))
+
+
 @pytest.mark.parametrize("kind", [Kind.SCALE, Kind.TURN])
 @pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.006, 0.012, 0.4)])
 def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):

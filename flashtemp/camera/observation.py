@@ -86,11 +86,9 @@ class Instrument:
     """The camera with what acts on it: values of its quantities for a recording, stamped late by `clock` (s)."""
 
     def __init__(self, recording: Recording, acting: tuple[Acting, ...] = (), clock: float = 0.0):
-        self.recording, self.clock, self.laws = (
-            recording,
-            clock,
-            [(part, a.p) for a in acting for part in a.effect.see(a.p)],
-        )
+        self.recording = recording
+        self.clock = clock
+        self.laws = [(part, a.p) for a in acting for part in a.effect.see(a.p)]
 
     def __call__(self, quantity: str, base):
         """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
@@ -129,21 +127,19 @@ def observe(
     reflected = background if recording.reflected_degC is None else recording.reflected_degC
     emissivity = camera("emissivity", given + change)
     mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
-    outside, done = LONG_WAVE.counts(background), 0
-    shown: np.ndarray | None = None
+    outside = LONG_WAVE.counts(background)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
-    batches = np.array_split(times, max(1, -(-len(times) // BATCH)))
+    shown: np.ndarray | None = None
+    batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
-        near = run if len(batches) == 1 else _around(run, batch)
-        body, along, up = _body(near, scene, recording, batch, face)
+        near = run if len(batches) == 1 else _around(run, times[batch])
+        body, along, up = _body(near, scene, recording, times[batch], face)
         light = LONG_WAVE.counts(body) - outside
         S = outside + _through(camera, light, (along, up), shift, place, scene.length, kept)
         told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
-        part = LONG_WAVE.temperature(told) + offset[done : done + len(batch)]
-        if len(batches) == 1:
-            return Seen(part, _inside(recording, *_as_told(recording, scene, ruler, along, up)))
+        part = LONG_WAVE.temperature(told) + offset[batch]
         shown = np.empty((len(times), *part.shape[1:]), part.dtype) if shown is None else shown
-        shown[done : done + len(batch)], done = part, done + len(batch)
+        shown[batch] = part
     assert shown is not None
     return Seen(shown, _inside(recording, *_as_told(recording, scene, ruler, along, up)))
 

@@ -23,7 +23,8 @@ APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
 IDLE = "ends where it does nothing"  # why a full fit is no rival
-LENGTHS = (-0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04)  # shares by which a block may be longer than told
+LENGTHS = (0.5, 1.5, 2.0)  # times LONGER: where a block that is longer (or shorter) than told is looked for
+LONGER = 0.02  # share of the length that the first look at a longer and at a shorter block takes
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 Ranking = tuple[Score, ...]
 
@@ -131,19 +132,25 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
 def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivatives) -> Descent:
     """Where the model misfits grossly, begun at the length of the block that fits best: images show its trailing edge
     within a pixel or two, and no tangent tells which way it is farther off."""
-    assert begun.fit is not None
-    if not begun.fit.hopeless or problem.case["schedule.alone"]:
+    fit = begun.fit
+    assert fit is not None
+    if not fit.hopeless or problem.case["schedule.alone"]:
         return begun
-    fits = {}
-    for share in LENGTHS:
-        model = replace(begun.fit.model, sizes={"block.length": share})
-        seen = problem.predictions(problem.tasks(model, Derivatives()))
-        fits[share] = begun.fit.system.shown(data.residuals(seen)).solve(begun.fit.priors).chi2
-    best = min(fits, key=lambda share: fits[share])
-    if begun.fit.solution.chi2 - fits[best] < 2.0 * HOPELESS:
+
+    def longer(share: float) -> Model:
+        return replace(fit.model, sizes={"block.length": share})
+
+    def misfit(share: float) -> float:
+        seen = problem.predictions(problem.tasks(longer(share), Derivatives()))
+        return fit.system.shown(data.residuals(seen)).solve(fit.priors).chi2
+
+    fits = {share: misfit(share) for share in (-LONGER, LONGER)}
+    way = min(fits, key=lambda share: fits[share])
+    if fit.solution.chi2 - fits[way] < 2.0 * HOPELESS:
         return begun
-    model = replace(begun.fit.model, sizes={"block.length": best})
-    return Descent(problem, data, model).take(problem.predictions(problem.tasks(model, everything)))
+    fits |= {share: misfit(share) for share in (far * way for far in LENGTHS)}
+    best = longer(min(fits, key=lambda share: fits[share]))
+    return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything)))
 
 
 def traced(

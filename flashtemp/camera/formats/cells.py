@@ -9,9 +9,10 @@ from datetime import datetime
 import numpy as np
 
 LONGEST = 64  # characters of a cell that can be a number, a mark or a label
-NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
-NO_VALUE = re.compile(r"(?:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*|)", re.IGNORECASE)
-UNIT = re.compile(r"\s*(?:°\s*[CF]|[CKF])$")
+_NUMBER, _MARK = r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?", r"(?i:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*)"
+_UNIT = r"[^\S\n]*(?:°[^\S\n]*[CF]|[CKF])"
+NUMBER, NO_VALUE, UNIT = (re.compile(p) for p in (_NUMBER, f"(?:{_MARK}|)", f"{_UNIT}$"))
+NUMERIC = re.compile(f"^(?=.{{1,{LONGEST}}}$)(?:{_NUMBER}(?:{_UNIT})?|{_MARK})$", re.MULTILINE)  # of a cell per line
 MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
 DIGITS = frozenset("0123456789.+-eE")  # of which plain numbers are made
 EPOCH = datetime(1970, 1, 1)
@@ -19,22 +20,19 @@ EPOCH = datetime(1970, 1, 1)
 
 def cells(line: str, separator: str | None) -> list[str]:
     """A line in cells; of a separator at its end nothing is left but one empty cell."""
+    if line.split() == [line] and '"' not in line:  # nothing to strip, as in most images
+        return line.split(separator)
     return [c.strip().strip('"') for c in line.split(separator)]
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, perhaps with its unit."""
-    return len(cell) <= LONGEST and NUMBER.fullmatch(UNIT.sub("", cell)) is not None
-
-
-def is_mark(cell: str) -> bool:
-    """Whether a cell stands for a pixel without a value."""
-    return 0 < len(cell) <= LONGEST and NO_VALUE.fullmatch(cell) is not None
+    return len(cell) <= LONGEST and (NUMBER.fullmatch(cell) or NUMBER.fullmatch(UNIT.sub("", cell))) is not None
 
 
 def numeric(row: list[str]) -> int:
     """How many cells are numbers or marks."""
-    return sum(is_number(c) or is_mark(c) for c in row)
+    return len(NUMERIC.findall("\n".join(row)))
 
 
 def mostly_numbers(row: list[str], most: int = 40) -> bool:
@@ -45,10 +43,10 @@ def mostly_numbers(row: list[str], most: int = 40) -> bool:
 def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
     """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
     if comma:
-        rows = [[c.replace(",", ".") for c in row] for row in rows]
+        rows = ["\n".join(row).replace(",", ".").split("\n") for row in rows]
     if not set("".join("".join(row) for row in rows)) - DIGITS:
         with contextlib.suppress(ValueError):
-            return np.array(rows, dtype=float)
+            return np.array([list(map(float, row)) for row in rows])
     return np.array([[_value(c) for c in row] for row in rows])
 
 

@@ -130,8 +130,9 @@ def _separator(lines: list[str]) -> str | None:
         split = [cells(line, separator) for line in sample]
         return sum(n if (n := numeric(c)) > 0.5 * len(c) and len(c) > 1 else 0 for c in split)
 
-    separator = max(SEPARATORS, key=clear)
-    if not clear(separator):
+    clearest = {separator: clear(separator) for separator in SEPARATORS}
+    separator = max(clearest, key=lambda separator: clearest[separator])
+    if not clearest[separator]:
         raise BadInput("no matrix of numbers in it; give a text file with one row of the image per line")
     return separator
 

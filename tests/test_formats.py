@@ -15,6 +15,7 @@ import scipy.io
 import tifffile
 
 from flashtemp.camera.files import read
+from flashtemp.camera.formats.cells import numeric
 from flashtemp.camera.radiometry import ObjectParameters, Planck, apparent_counts
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
@@ -297,6 +298,23 @@ def test_marks_below_the_range(given, mark):
     assert frames.outside == 1
     assert np.isnan(frames.temperature[0, 2, 3])
     assert np.nanmax(np.abs(frames.temperature[0] - SCENE)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("row", "count"),
+    [
+        (["12", "-3.5", "+4,25", "1e-3", "2.5E+06"], 5),
+        (["12 °C", "12C", "80 ° F", "300 K"], 4),
+        (["--", "---", "<-20", "> 150", "**", "NaN", "n/a", "Underflow", "over range"], 9),
+        (["", " ", "x", "12 mm", "1.2.3", "2024-05-31", "-", "°C"], 1),
+        (["1" * 64, "1" * 65, "<" * 65], 1),
+        (["row 1", "20.5", "", "--"], 2),
+        ([], 0),
+    ],
+    ids=["numbers", "units", "marks", "words", "too long", "a row with its label", "nothing"],
+)
+def test_what_counts_as_a_number(row, count):
+    assert numeric(row) == count
 
 
 def test_a_threshold_for_below_the_range(given):

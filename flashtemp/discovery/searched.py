@@ -23,8 +23,8 @@ APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
 IDLE = "ends where it does nothing"  # why a full fit is no rival
-LENGTHS = (0.5, 1.5, 2.0)  # times LONGER: where a block that is longer (or shorter) than told is looked for
-LONGER = 0.02  # share of the length that the first look at a longer and at a shorter block takes
+LONGER = 0.02  # share of the length by which the first looks take the block longer and shorter than told
+LENGTHS = (0.5, 1.5, 2.0)  # times that: the further looks on the side that fits better
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 Ranking = tuple[Score, ...]
 
@@ -148,7 +148,7 @@ def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivat
     way = min(fits, key=lambda share: fits[share])
     if fit.solution.chi2 - fits[way] < 2.0 * HOPELESS:
         return begun
-    fits |= {share: misfit(share) for share in (far * way for far in LENGTHS)}
+    fits |= {share: misfit(share) for share in (times * way for times in LENGTHS)}
     best = longer(min(fits, key=lambda share: fits[share]))
     return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything)))
 

@@ -9,9 +9,12 @@ from datetime import datetime
 import numpy as np
 
 LONGEST = 64  # characters of a cell that can be a number, a mark or a label
-_NUMBER, _MARK = r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?", r"(?i:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*)"
+_NUMBER = r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?"
 _UNIT = r"[^\S\n]*(?:°[^\S\n]*[CF]|[CKF])"
-NUMBER, NO_VALUE, UNIT = (re.compile(p) for p in (_NUMBER, f"(?:{_MARK}|)", f"{_UNIT}$"))
+_MARK = r"(?i:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*)"
+NUMBER = re.compile(_NUMBER)
+UNIT = re.compile(f"{_UNIT}$")
+NO_VALUE = re.compile(f"(?:{_MARK}|)")
 NUMERIC = re.compile(f"^(?=.{{1,{LONGEST}}}$)(?:{_NUMBER}(?:{_UNIT})?|{_MARK})$", re.MULTILINE)  # of a cell per line
 MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
 DIGITS = frozenset("0123456789.+-eE")  # of which plain numbers are made
@@ -20,14 +23,12 @@ EPOCH = datetime(1970, 1, 1)
 
 def cells(line: str, separator: str | None) -> list[str]:
     """A line in cells; of a separator at its end nothing is left but one empty cell."""
-    if line.split() == [line] and '"' not in line:  # nothing to strip, as in most images
-        return line.split(separator)
     return [c.strip().strip('"') for c in line.split(separator)]
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, perhaps with its unit."""
-    return len(cell) <= LONGEST and (NUMBER.fullmatch(cell) or NUMBER.fullmatch(UNIT.sub("", cell))) is not None
+    return len(cell) <= LONGEST and NUMBER.fullmatch(UNIT.sub("", cell)) is not None
 
 
 def numeric(row: list[str]) -> int:
@@ -43,7 +44,7 @@ def mostly_numbers(row: list[str], most: int = 40) -> bool:
 def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
     """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
     if comma:
-        rows = ["\n".join(row).replace(",", ".").split("\n") for row in rows]
+        rows = [[c.replace(",", ".") for c in row] for row in rows]
     if not set("".join("".join(row) for row in rows)) - DIGITS:
         with contextlib.suppress(ValueError):
             return np.array([list(map(float, row)) for row in rows])

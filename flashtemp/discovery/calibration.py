@@ -22,7 +22,7 @@ SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known o
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
-CHORD, CONTRACTS = 0.1, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
+CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
@@ -117,7 +117,8 @@ class Descent:
     (what extends it must).  `fit` at the best point so far, `trust` how long a step may be (in prior standard
     deviations) after one that lost, `back` steps back in a row, `tried` points in all; `bent` whether traces are taken
     anew at the next point (after a short step they are not: whoever needs them exact traces the end once more);
-    `failed` says why it ends.
+    `failed` says why it ends.  What extends a traced `parent` has only what is new traced and borrows the other traces
+    from it, as long as its steps grow shorter.
     """
 
     problem: Problem
@@ -134,6 +135,7 @@ class Descent:
     back: int = 0
     tried: int = 0
     bent: bool = True
+    parent: Fit | None = None
 
     @property
     def priors(self) -> Priors:
@@ -144,8 +146,17 @@ class Descent:
         """What to predict next."""
         if not self.bent:
             return self.problem.tasks(self.model, Derivatives())
+        if self.parent is not None:
+            return self.problem.tasks(self.model, Derivatives(tuple(p for p in self.priors if not self._lends(p))))
         own = (*self.problem.free, *self.priors)
         return self.problem.tasks(self.model, replace(self.derivatives, own=own, optics=True, laboratory=True))
+
+    def _lends(self, p: ParameterId) -> bool:
+        """Whether the parent has a trace that holds here too: of all but effects and keys that it does not hold."""
+        assert self.parent is not None
+        if p.kind is Kind.EFFECT:
+            return p.effect in self.parent.model.effects
+        return p.kind is not Kind.KEY or p in self.problem.free
 
     @property
     def done(self) -> bool:
@@ -164,7 +175,10 @@ class Descent:
         if self.fit is not None and not self.bent:
             system = self.fit.system.shown(self.data.residuals(predictions))
         else:
-            system = System(self.data.blocks(predictions))
+            blocks = self.data.blocks(predictions)
+            if self.parent is not None:
+                blocks = [b.joined(o, self._lends) for b, o in zip(blocks, self.parent.blocks, strict=True)]
+            system = System(blocks)
         return self.linearised(system, [p.bare for p in predictions])
 
     def linearised(self, system: System, predictions: Sequence[Prediction]) -> Descent:
@@ -184,10 +198,11 @@ class Descent:
             self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise,
             self._in_vain(value, promise),
         )  # fmt: skip
-        contracts = self.bent or history[-1] < CONTRACTS * self.history[-1]
+        contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
+        stays = self.rough and (self.bent or contracts) and history[-1] < CHORD
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
-            tried=self.tried + 1, bent=not (self.rough and contracts and history[-1] < CHORD),
+            tried=self.tried + 1, bent=not stays, parent=self.parent if contracts else None,
         )  # fmt: skip
         return now if now.done else replace(now, model=now._onward(fit))
 
@@ -200,7 +215,7 @@ class Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""
         last = min(LONGEST, self._far(self._steps(best.solution, best.priors), best))
         cautious = replace(
-            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True
+            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True, parent=None
         )
         return replace(cautious, model=cautious._onward(best))
 

@@ -263,7 +263,8 @@ def _begun(search: Search, tried: Tried) -> Descent:
     problem, data, made = _with(search.problem, search.data, {NAME: law})
     c = made[NAME]
     start = {k: _inside(c.params[k], v) for k, v in zip(c.strengths, tried.values, strict=True)}
-    return Descent(problem, data, search.base.model.with_effect(NAME, c.off() | start), (c,), rough=False)
+    model = search.base.model.with_effect(NAME, c.off() | start)
+    return Descent(problem, data, model, (c,), rough=False, parent=search.base)
 
 
 def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:

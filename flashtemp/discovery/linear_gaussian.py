@@ -44,6 +44,16 @@ class Block:
     def count(self) -> int:
         return len(self.r)
 
+    def joined(self, other: Block, wanted: Callable[[ParameterId], bool]) -> Block:
+        """With those wanted columns of another block of the same data that this one lacks."""
+        have, own, others = {n for n, _ in self.names}, self.C.shape[1], other.C.shape[1]
+        lent = [(n, c) for n, c in other.names if c < others and n not in have and wanted(n)]
+        columns = sorted({c for _, c in lent})
+        at = {c: own + i for i, c in enumerate(columns)}
+        shared = tuple((n, c if c < own else c + len(columns)) for n, c in self.names)
+        names = (*shared, *((n, at[c]) for n, c in lent))
+        return replace(self, C=np.hstack([self.C, other.C[:, columns]]), names=names)
+
 
 @dataclass(frozen=True)
 class NormalEquations:

@@ -151,7 +151,8 @@ def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> S
         if len(group) == 1:
             model = replace(model, free=_moved(search.problem, model.free, group[0].free))
         if frozenset(model.effects) not in search.fits:
-            descents.append(search.start(model, [*search.own, *(s.candidate for s in group)]))
+            start = search.start(model, [*search.own, *(s.candidate for s in group)])
+            descents.append(replace(start, parent=search.best))
             asked[frozenset(model.effects)] = _gain(search, group)
     return _run(replace(search, asked=asked), descents, watch)
 

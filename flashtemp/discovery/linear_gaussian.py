@@ -6,10 +6,10 @@ only the products of C and r are kept, so that any choice of columns, priors and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -154,20 +154,25 @@ class System:
 
     def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
         """Estimate the columns named in `priors`; those that no block knows are left out."""
-        names = tuple(n for n in priors if n in self.index)
-        at = [self.index[n] for n in names]
         total = equations or self.total()
-        mean = np.array([priors[n][0] for n in names])
-        sd = np.array([priors[n][1] for n in names])
-        A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
-        rhs = sd * total.right[at] + mean / sd
-        factor = cho_factor(A, lower=True)
-        u = cho_solve(factor, rhs)
-        chi2 = total.square + float(np.sum((mean / sd) ** 2)) - float(rhs @ u)
-        ln_det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-        inverse = cho_solve(factor, np.eye(len(at)))
-        covariance = sd[:, None] * inverse * sd[None]
-        return Solution(names, sd * u, covariance, -0.5 * (chi2 + ln_det), chi2, total.count)
+        names, at = self._known(priors)
+        found = _whole(total.right[at], total.matrix[np.ix_(at, at)], total.square, *_parts(priors, names))
+        inverse = cho_solve((found.lower, True), np.eye(len(at)), check_finite=False)
+        covariance = found.sd[:, None] * inverse * found.sd[None]
+        return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
+
+    def likeliest(self, several: Sequence[Priors], equations: NormalEquations | None = None) -> int:
+        """Which of several priors of the same columns has the largest evidence."""
+        total = equations or self.total()
+        names, at = self._known(several[0])
+        right, matrix = total.right[at], total.matrix[np.ix_(at, at)]
+        found = [_whole(right, matrix, total.square, *_parts(priors, names)).ln_evidence for priors in several]
+        return int(np.argmax(found))
+
+    def _known(self, priors: Priors) -> tuple[tuple[ParameterId, ...], list[int]]:
+        """Columns of those named that a block knows, and their numbers."""
+        names = tuple(n for n in priors if n in self.index)
+        return names, [self.index[n] for n in names]
 
     def bounded(self, priors: Priors, most: float) -> Solution:
         """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
@@ -198,6 +203,34 @@ class System:
         raw = N[np.ix_(own, own)]
         u = b[own] - solved.T @ (sd * b[at] + mean / sd)
         return Projection(u, raw - cross.T @ solved, np.diag(raw))
+
+
+class _Whole(NamedTuple):
+    """Estimate `u` in units of `sd`, with the Cholesky factor `lower` of its inverse covariance."""
+
+    u: Array
+    sd: Array
+    lower: Array
+    chi2: float
+    ln_evidence: float
+
+
+def _parts(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
+    """Means and standard deviations of the columns."""
+    both = np.array([priors[n] for n in names]).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
+
+
+def _whole(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -> _Whole:
+    """The estimate from normal equations of the columns and their priors."""
+    A = sd[:, None] * matrix * sd[None]
+    A[np.diag_indices_from(A)] += 1.0
+    rhs = sd * right + mean / sd
+    lower = cho_factor(A, lower=True, overwrite_a=True, check_finite=False)[0]
+    u = cho_solve((lower, True), rhs, check_finite=False)
+    chi2 = square + float(np.sum((mean / sd) ** 2)) - float(rhs @ u)
+    ln_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
+    return _Whole(u, sd, lower, chi2, -0.5 * (chi2 + ln_det))
 
 
 def _moved(equations: NormalEquations, block: Block) -> NormalEquations:

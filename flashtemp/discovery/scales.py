@@ -30,13 +30,12 @@ def solved(
     """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
     equations = equations or system.total()
 
-    def at(scale: float, floor: float) -> Scaled:
-        priors = nuisances(problem, system.names, model, scale, floor) | more
-        return Scaled(system.solve(priors, equations), priors, scale, floor)
+    def best(ways: list[tuple[float, float]]) -> tuple[tuple[float, float], Priors]:
+        """Which scale and floor of these, and the priors with it."""
+        priors = [nuisances(problem, system.names, model, *way) | more for way in ways]
+        k = system.likeliest(priors, equations)
+        return ways[k], priors[k]
 
-    best = max((at(scale, SIZES[-1]) for scale in SCALES), key=_evident)
-    return max((best, *(at(best.scale, floor) for floor in SIZES[:-1])), key=_evident)
-
-
-def _evident(found: Scaled) -> float:
-    return found.solution.ln_evidence
+    (scale, _), _ = best([(scale, SIZES[-1]) for scale in SCALES])
+    (_, floor), priors = best([(scale, size) for size in reversed(SIZES)])
+    return Scaled(system.solve(priors, equations), priors, scale, floor)

@@ -33,7 +33,7 @@ BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "learned_laws.py"
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 TINY = {"numerics.mesh": 0.3, "numerics.rtol": 1e-3, "schedule.distance": 0.1, "schedule.repetitions": 1}
 REACHED = {"temperature": (20.0, 80.0), "inside": (20.0, 60.0), "speed": (0.05, 0.8), "pressure": (5e4, 2e5),
-           "place": (0.0, 0.025), "slid": (0.0, 2.0), "time": (0.0, 30.0), "repetition": (1.0, 10.0)}  # fmt: skip
+           "place": (0.0, 0.025), "slid": (0.0, 2.0), "passed": (0.0, 9.0), "time": (0.0, 30.0), "repetition": (1.0, 10.0)}  # fmt: skip
 PAIRS = [(u, ARGUMENTS[a]) for u in UNKNOWNS for a in u.arguments]
 KINDS = [("friction", "temperature"), ("resistance", "place"), ("walls", "speed")]  # a factor, a term, films
 USUAL = (0.3, 0.25, 0.2, 0.1, 0.05)  # of its size, at nodes
@@ -65,7 +65,7 @@ def test_the_file_says_the_law(unknown, argument, tmp_path):
     p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
     low, high = REACHED[argument.name]
     at = np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), 29)
-    now = SimpleNamespace(speed=at, local_pressure=at, x=at, slid=at, t=at, repetition=at)
+    now = SimpleNamespace(speed=at, local_pressure=at, x=at, slid=at, passed=at, t=at, repetition=at)
     expected = np.interp(at, told.nodes, told.values)
     parts = list(effect().heat(None, p))
     assert [getattr(part, "site", None) or part.target for part in parts] == list(unknown.targets)
@@ -135,6 +135,17 @@ def test_nodes_are_where_a_campaign_has_values():
     assert given(range(1, 11))[-1] == 10
 
 
+def test_walls_cool_at_rest_too():
+    """A film over speed has a node at rest where the block waits between repetitions; friction has none there."""
+    waits = {"schedule.repetitions": 2, "schedule.wait": 0.5, "schedule.distance": 0.02}
+    found = {(w.unknown.name, w.argument.name): w.nodes for w in
+             learning._laws(searched({"schedule.speed": 0.1} | waits, {"schedule.speed": 0.4} | waits))}  # fmt: skip
+    assert found["walls", "speed"] == pytest.approx((0.0, 0.1, 0.4))
+    assert found["friction", "speed"] == pytest.approx((0.1, 0.4))
+    assert found["friction", "passed"][-1] == pytest.approx(0.04)
+    assert found["friction", "slid"][-1] == pytest.approx(0.02)
+
+
 # --- formulas -----------------------------------------------------------------------------------------
 u = np.linspace(20.0, 80.0, 5)
 v = np.linspace(0.05, 0.8, 5)
@@ -170,6 +181,31 @@ def test_the_numbers_of_a_formula_give_its_curve():
     a, b, w = found.numbers
     curve = a * (1.0 + b * -np.expm1(-np.linspace(0.0, 1.0, 5) / w))
     np.testing.assert_allclose(np.log(curve), told.values, atol=3e-3)
+
+
+def test_a_power_may_begin_at_nothing():
+    """Cooling as sqrt(v), nothing at rest; not so for a factor, which is one there."""
+    nodes = (0.0, 0.1, 0.3)
+    values = tuple(60.0 * np.sqrt(nodes))
+    told = Law(*pair("walls", "speed"), nodes, values)
+    found = formula(told, np.diag([1.0, 0.3, 0.3]) ** 2)
+    assert found is not None
+    assert found.name == "power"
+    assert found.numbers[1] == pytest.approx(0.5, abs=0.01)
+    assert formula(Law(*pair("friction", "slid"), nodes, (0.3, 0.2, 0.1)), 1e-6 * np.eye(3)) is None
+
+
+def test_a_formula_is_found_for_the_line_that_is_nearest_to_it():
+    """What a fit gives a line over a bend: below the curve at its nodes, or above, by more than the errors."""
+    nodes = spread(0.0, 1.2, begins=True)
+    curve = Law(*pair("friction", "passed"), nodes, (0.0,) * 5)
+    at = np.linspace(0.0, 1.2, 2000)
+    values = np.linalg.lstsq(curve.weights(at), np.log(1.0 + 0.2 * np.exp(-at / 0.15)), rcond=None)[0]
+    assert np.abs(values - np.log(1.0 + 0.2 * np.exp(-np.array(nodes) / 0.15))).max() > 4e-3
+    found = formula(replace(curve, values=tuple(values)), 1e-6 * np.eye(5))
+    assert found is not None
+    assert found.name == "saturating"
+    assert found.numbers[2] == pytest.approx(0.15 / 1.2, rel=0.2)
 
 
 def test_no_formula_is_given_where_none_fits():

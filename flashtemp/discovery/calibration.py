@@ -147,7 +147,8 @@ class Descent:
         if not self.bent:
             return self.problem.tasks(self.model, Derivatives())
         if self.parent is not None:
-            return self.problem.tasks(self.model, Derivatives(tuple(p for p in self.priors if not self._lends(p))))
+            new = tuple(p for p in self.priors if not self._lends(p))
+            return self.problem.tasks(self.model, replace(self.derivatives, own=new))
         own = (*self.problem.free, *self.priors)
         return self.problem.tasks(self.model, replace(self.derivatives, own=own, optics=True, laboratory=True))
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from flashtemp.discovery.unknown_law import Law
+from flashtemp.discovery.unknown_law import GIVEN, Law
 from flashtemp.physics.quantities import KELVIN
 
 NARROWEST = {"saturating": 0.02, "peak": 0.05}  # forms whose last number is a width, and its least
+FINE = 400  # places between the outermost nodes at which a line is held to a curve
 LIKELY = 0.05  # probability of so large a misfit, below which a formula does not fit
 Array = npt.NDArray[np.float64]
 
@@ -48,7 +50,13 @@ class Formula:
 
 
 def _positive(law: Law) -> bool:
-    return law.nodes[0] > 0.0 and law.argument.unit != "degC"
+    """Whether a power may hold: from nothing on, too, where the law itself may be nothing there."""
+    begins = law.nodes[0] == 0.0 and law.unknown.how != "factor" and len(law.nodes) > 2
+    return (law.nodes[0] > 0.0 or begins) and law.argument.unit != "degC"
+
+
+def _power(u: Array, s: Array, r: Array, a: float, n: float) -> Array:
+    return np.asarray(a * r ** (n if np.min(r) > 0.0 else max(n, 1e-3)))
 
 
 def _warm(law: Law) -> bool:
@@ -64,7 +72,7 @@ def _wide(w: float, name: str) -> float:
 FORMS = (
     Form("constant", "{0:.4g}", lambda u, s, r, a: a + 0.0 * s, ((1.0,),)),
     Form("linear", "{0:.4g} (1 + {1:.3g} s)", lambda u, s, r, a, b: a * (1.0 + b * s), ((1.0, 0.1), (1.0, -0.1))),
-    Form("power", "{0:.4g} r^{1:.3g}", lambda u, s, r, a, n: a * r**n, ((1.0, 0.3), (1.0, -0.3)), _positive),
+    Form("power", "{0:.4g} r^{1:.3g}", _power, ((1.0, 0.3), (1.0, -0.3)), _positive),
     Form("exponential", "{0:.4g} exp({1:.3g} s)", lambda u, s, r, a, b: a * np.exp(b * s), ((1.0, 0.3), (1.0, -0.3))),
     Form(
         "Arrhenius", "{0:.4g} exp({1:.3g} (T_m/T - 1)), T in K, T_m the mean of the nodes",
@@ -98,29 +106,48 @@ def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
     count = len(form.starts[0])
     if count >= len(law.nodes):
         return None
-    u, values = np.array(law.nodes), np.array(law.values)
-    s = (u - u[0]) / (u[-1] - u[0])
-    r = u / np.sqrt(u[0] * u[-1]) if u[0] > 0.0 else s
-    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
-    white = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((1e-3 * sd) ** 2))).T
+    values = np.array(law.values)
     size = 1.0 if law.unknown.how == "factor" else max(float(np.max(np.abs(values))), 1e-300)
 
-    def left(numbers: Array) -> Array:
-        curve = size * form.curve(u, s, r, *numbers)
-        if law.unknown.how == "factor":
-            curve = np.log(np.maximum(curve, 1e-9))
-        return np.asarray(white @ (values - curve), float)
+    def curve(at: Array, numbers: Array) -> Array:
+        u0, u1 = law.nodes[0], law.nodes[-1]
+        found = size * form.curve(at, (at - u0) / (u1 - u0), at / _middle(law), *numbers)
+        return np.log(np.maximum(found, 1e-9)) if law.unknown.how == "factor" else found
 
-    best = min((least_squares(left, start, method="lm", max_nfev=120) for start in form.starts), key=lambda f: f.cost)
-    misfit = 2.0 * float(best.cost)
+    def fitted(covariance: Array, starts: Iterable[Array]) -> Any:
+        sd = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
+        white = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((1e-3 * sd) ** 2))).T
+
+        def left(numbers: Array) -> Array:
+            return np.asarray(white @ (values - curve(np.array(law.nodes), numbers)), float)
+
+        return min((least_squares(left, start, method="lm", max_nfev=120) for start in starts), key=lambda f: f.cost)
+
+    best = fitted(covariance, map(np.array, form.starts))
+    beside = _line(law, lambda at: curve(at, best.x)) - curve(np.array(law.nodes), best.x)
+    best = fitted(covariance + np.diag(beside**2), [best.x])  # which line is nearest the data alone say
     numbers = [size * float(best.x[0]), *map(float, best.x[1:])]
     if form.name in NARROWEST:
         numbers[-1] = _wide(numbers[-1], form.name)
-    return Formula(form.name, form.words.format(*numbers), tuple(numbers), misfit, len(u) - count)
+    return Formula(form.name, form.words.format(*numbers), tuple(numbers), 2.0 * float(best.cost), len(values) - count)
+
+
+def _line(law: Law, curve: Callable[[Array], Array]) -> Array:
+    """Values at the nodes of the line that is nearest to a curve: between its nodes a line is above what bends up."""
+    if law.argument.name in GIVEN:
+        return curve(np.array(law.nodes))
+    at = np.linspace(law.nodes[0], law.nodes[-1], FINE)
+    return np.asarray(np.linalg.lstsq(law.weights(at), curve(at), rcond=None)[0])
+
+
+def _middle(law: Law) -> float:
+    """Of an argument that is positive, or begins at nothing, the middle of the nodes in factors; else 1."""
+    above = [u for u in law.nodes if u > 0.0]
+    return float(np.sqrt(above[0] * above[-1])) if law.nodes[0] >= 0.0 and above else 1.0
 
 
 def legend(law: Law) -> str:
     """What s and r of a formula are."""
     low, high, unit = law.nodes[0], law.nodes[-1], "" if law.argument.unit == "1" else f" {law.argument.unit}"
     s = f"s = ({law.argument.name} - {low:.4g}{unit})/{high - low:.4g}{unit}"
-    return f"{s}, r = {law.argument.name}/{np.sqrt(low * high):.4g}{unit}" if low > 0.0 else s
+    return f"{s}, r = {law.argument.name}/{_middle(law):.4g}{unit}" if _positive(law) else s

@@ -75,7 +75,7 @@ class Learned:
         return LearnedLaw(
             law.unknown.name, law.argument.name, law.words, law.unknown.unit, law.argument.unit,
             "" if form is None else f"{form.name}: {form.words}, {legend(law)}", at,
-            law.shown(middle), law.shown(middle - reach), law.shown(middle + reach), law.nodes,
+            law.shown(middle), law.shown(np.maximum(middle - reach, law.unknown.least)), law.shown(middle + reach), law.nodes,
             {t.law.words: t.ln_bayes for t in self.beside},
         )  # fmt: skip
 
@@ -102,6 +102,7 @@ def learn(search: Search, watch: Watch) -> Learned | None:
     if law is None or fit.ln_evidence - search.base.ln_evidence < NAMED + price:
         return None
     fit, law, problem = _closer(search, (fit, law, problem), next(t for t in likely if t.law.name == law.name), watch)
+    search, problem = _usual(search, problem, fit)
     after = _ended(search, problem, fit, watch)
     if not after.best.converged:
         return None
@@ -120,6 +121,19 @@ def _closer(search: Search, found: Fitted, tried: Tried, watch: Watch) -> Fitted
             break
         fit, law, problem = again[0]
     return fit, law, problem
+
+
+def _usual(search: Search, problem: Problem, fit: Fit) -> tuple[Search, Problem]:
+    """Without the errors of the laboratory that the data wanted only as long as the law of a fit was missing."""
+    kept = []
+    for error in search.laboratory:
+        usual = replace(problem, loose=problem.loose - {error.parameter})
+        with_it, without = (fit.solved(p, fit.effects).solution.ln_evidence for p in (problem, usual))
+        if with_it - without > NAMED:
+            kept.append(error)
+        else:
+            problem = usual
+    return replace(search, laboratory=tuple(kept)), problem
 
 
 def _leaves(search: Search, fit: Fit) -> bool:
@@ -183,14 +197,25 @@ def _nodes(search: Search, unknown: Unknown, argument: Argument) -> tuple[float,
         return _ranged(seen, VARIES * max(float(s.max()) for s in seen))
     if argument.name == "speed":
         ends = [s.speeds for s in scenes]
+        rest = (
+            [0.0]
+            if unknown.how == "film" and any(s.schedule.wait > 0 and s.schedule.repetitions > 1 for s in scenes)
+            else []
+        )  # walls cool then too
         steady = all(high - low <= VARIES * high for low, high in ends)
-        return _if_varied(given(high for _, high in ends)) if steady else _ranged([np.array(e) for e in ends], 0.0)
+        if steady:
+            return _if_varied(given([*rest, *(high for _, high in ends)]))
+        return _ranged([np.array([*rest, *(v for e in ends for v in e)])], 0.0)
     if argument.name == "repetition":
         most = max(s.schedule.repetitions for s in scenes)
         return given(range(1, most + 1)) if most > 1 else ()
     if argument.name == "place":
         return spread(0.0, max(s.length for s in scenes))
-    return spread(0.0, max(s.schedule.distance if argument.name == "slid" else s.schedule.end for s in scenes))
+    schedules = [s.schedule for s in scenes]
+    if argument.name == "passed":  # in a single repetition that is the distance slid
+        whole = [s.distance * s.repetitions for s in schedules if s.repetitions > 1]
+        return spread(0.0, max(whole), begins=True) if whole else ()
+    return spread(0.0, max(s.distance if argument.name == "slid" else s.end for s in schedules), begins=True)
 
 
 def _cases(problem: Problem) -> list[Case]:
@@ -223,7 +248,8 @@ def _with(problem: Problem, data: Data, laws: dict[str, Law]) -> tuple[Problem, 
 def _scored(search: Search, laws: list[Law]) -> list[Tried]:
     """Some laws by the traces of their nodes, beside the calibrated base."""
     problem, data, made = _with(search.problem, search.data, {law.name: law for law in laws})
-    descent = Descent(problem, data, search.base.model, (), Derivatives(candidates=tuple(made.values())))
+    asked = Derivatives(candidates=tuple(made.values()))
+    descent = Descent(problem, data, search.base.model, (), asked, parent=search.base)
     fit = descent.take(problem.predictions(descent.tasks())).fit
     assert fit is not None
     equations = fit.system.total()

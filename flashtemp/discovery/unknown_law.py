@@ -62,6 +62,7 @@ ARGUMENTS = {
         Argument("pressure", "the local contact pressure", "Pa", "now.local_pressure"),
         Argument("place", "the place along the block", "m", "now.x"),
         Argument("slid", "the distance slid since the start", "m", "now.slid"),
+        Argument("passed", "the distance slid in the whole test", "m", "now.passed"),
         Argument("time", "time", "s", "now.t"),
         Argument("repetition", "the number of the repetition", "1", "now.repetition"),
     )
@@ -69,12 +70,12 @@ ARGUMENTS = {
 WALLS = ("block.leading", "block.trailing", "block.sides")
 UNKNOWNS = (
     Unknown("friction", "the friction coefficient", "factor", ("friction.mu",),
-            ("temperature", "speed", "pressure", "slid", "time", "repetition", "place"), 0.3),
+            ("temperature", "speed", "pressure", "slid", "passed", "time", "repetition", "place"), 0.3),
     Unknown("pressure", "the nominal contact pressure", "factor", ("contact.pressure",), ("place",), 0.3),
     Unknown("spot_fraction", "the macroasperity contact fraction", "factor", ("contact.spot_fraction",),
-            ("pressure", "slid", "repetition"), 0.3),
+            ("pressure", "slid", "passed", "repetition"), 0.3),
     Unknown("resistance", "the thermal resistance of the contact", "term", ("contact.resistance",),
-            ("speed", "pressure", "place", "slid", "time"), 2e-5, "m2K/W"),
+            ("speed", "pressure", "place", "slid", "passed", "time"), 2e-5, "m2K/W"),
     Unknown("rubber", "the thermal conductivity of the rubber", "factor", ("block.conductivity",), ("inside",), 0.3),
     Unknown("road", "the thermal conductivity of the road", "factor", ("road.conductivity",), ("inside",), 0.3),
     Unknown("air", "the temperature of the air", "term", ("ambient.temperature",), ("time",), 1.0, "K"),
@@ -123,9 +124,9 @@ class Law:
         return np.exp(values) if self.unknown.how == "factor" else values
 
 
-def spread(low: float, high: float, count: int = NODES) -> tuple[float, ...]:
-    """Nodes of a law over a range."""
-    return _rounded(np.linspace(low, high, count))
+def spread(low: float, high: float, count: int = NODES, begins: bool = False) -> tuple[float, ...]:
+    """Nodes of a law over a range; closer to the start where something `begins` there and wears off."""
+    return _rounded(low + (high - low) * np.linspace(0.0, 1.0, count) ** (2 if begins else 1))
 
 
 def given(values: Iterable[float]) -> tuple[float, ...]:

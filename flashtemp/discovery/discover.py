@@ -25,7 +25,7 @@ from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.scores import separability
-from flashtemp.discovery.search import explore
+from flashtemp.discovery.search import explore, settled
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
 from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Found, Held, Verdict
@@ -47,12 +47,25 @@ def discover(
     """Everything: calibrate, search, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _timed(watch)
     with crew(predict, workers, scheduler) as run:
-        search = explore(calibrate(prepare(campaign, run), watch), watch)
+        search = _certain(explore(calibrate(prepare(campaign, run), watch), watch), watch)
         watch("judging")
         verdict = _verdict(search)
         if verdict.kind == "unexplained":
             verdict, search = _learned(verdict, search, watch)
     return replace(verdict, seconds=time.monotonic() - began), search
+
+
+def _certain(search: Search, watch: Watch) -> Search:
+    """The search judged by its base, where what extends it came to no end and the base leaves something over for sure:
+    that data are unexplained is known then, whatever the effect would have come to."""
+    base, best = search.base, search.best
+    if best.converged or not best.model.effects:
+        return search
+    if not any(value > limit for value, limit in assessment.gates(search, base).values()):
+        return search
+    fits = {names: f for names, f in search.fits.items() if names != frozenset(best.model.effects)}
+    lesser = settled(replace(search, best=base, fits=fits), watch)
+    return lesser if lesser.best.converged else search
 
 
 def _timed(watch: Watch) -> Callable[[str], Any]:
@@ -137,7 +150,7 @@ def _verdict(search: Search) -> Verdict:
         open_ends={" with ".join(sorted(names)): gain for names, gain in search.open_ends.items()},
     )
     says = wording.says(verdict, problem.case.known)
-    open_end = kind == "no_verdict" or (kind == "unexplained" and not search.best.converged)
+    open_end = kind == "no_verdict" or (kind == "unexplained" and (not search.best.converged or search.unsettled))
     return replace(verdict, says=(*_why_none(search), *says) if open_end else says)
 
 
@@ -164,7 +177,7 @@ def _foretells(verdict: Verdict) -> bool:
 def _honest(kind: str, search: Search, found: bool) -> str:
     """A kind of verdict that says no more than was done: without certificate none, with open ends not that none is
     needed; errors of the laboratory and held keys count as named."""
-    if not search.best.converged or search.unsettled:
+    if not search.best.converged or (search.unsettled and kind != "unexplained"):
         return "unexplained" if _beyond_doubt(search.best) else "no_verdict"
     if kind != "none_needed":
         return kind

@@ -48,13 +48,13 @@ def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
             if search.held_key is not None:
                 return _once_more(search, calibrated, watch)
         if found is None:
-            return put_right(_settle(search, watch), watch)
+            return put_right(settled(search, watch), watch)
         best = traced(search.problem, search.data, found, watch)
         search = replace(search, best=best, fits=search.fits | {frozenset(found.model.effects): best})
         if len(found.model.effects) >= MOST:
             break
     last = scores(search.problem, search.best, problem.tried)
-    return put_right(_settle(replace(search, ranking=(*search.ranking, last)), watch), watch)
+    return put_right(settled(replace(search, ranking=(*search.ranking, last)), watch), watch)
 
 
 def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
@@ -68,7 +68,7 @@ def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
     return replace(again, held_key=key, laboratory=(*search.laboratory, *again.laboratory))
 
 
-def _settle(search: Search, watch: Watch) -> Search:
+def settled(search: Search, watch: Watch) -> Search:
     """The best model at its certificate, where a base that misfits was left rough."""
     if search.best.converged:
         return search

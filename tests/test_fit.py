@@ -11,7 +11,8 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery.calibration import ENOUGH, FAR, Descent, advance, descend
+from flashtemp.discovery.calibration import FAR, Descent, advance, descend
+from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict

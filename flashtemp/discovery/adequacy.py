@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.linear_gaussian import Array, Block, residual
 from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId

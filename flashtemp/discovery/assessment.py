@@ -9,7 +9,7 @@ import numpy as np
 
 from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
 from flashtemp.discovery import adequacy
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.laboratory import calibrated, found
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, change, residual

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.discovery.fit import ENOUGH, Fit, Reached
 from flashtemp.discovery.hypothesis import Candidate, Model
-from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.linear_gaussian import Solution, System
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem, checked
@@ -17,17 +18,14 @@ from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 
-ENOUGH = 0.01  # largest last step over its prior standard deviation
 SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
 CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
-KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
-EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 VAIN = 0.25  # the same where the step before promised as little, was taken and did not gain it
-MISFIT, LOOSE, FEW = 20.0, 0.2, 6  # standard errors of chi2, and the step and tries that then are enough
+FEW = 6  # tries that are enough where a model misfits grossly
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
 FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3, Kind.SIZE: 2e-3}  # relative, rad, s, relative
@@ -37,76 +35,11 @@ Watch = Callable[[str], Any]
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A model at its best point: `solution` of its last linearisation, and the `history` of steps over prior
-    standard deviations, of which the last is the one it would still take.
+class Pointed:
+    """Where a fit pointed, `steps` of all that moves, and the `share` of them that was taken."""
 
-    `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
-    `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
-    was taken and did not gain it: where rims of an image come and go, two points point at each other.
-    """
-
-    model: Model
-    predictions: tuple[Prediction, ...]
-    system: System
-    solution: Solution
-    priors: Priors
-    scale: float
-    history: tuple[float, ...]
-    bound: frozenset[ParameterId] = frozenset()
-    promise: float = np.inf
-    vain: bool = False
-
-    @property
-    def blocks(self) -> list[Block]:
-        return self.system.blocks
-
-    @property
-    def converged(self) -> bool:
-        """Whether the certificate holds: the next step is short, or gains nothing."""
-        return self.history[-1] < ENOUGH or (self.usable and (self.promise < EVEN or self.vain))
-
-    @property
-    def usable(self) -> bool:
-        """Whether it is near enough to its best point to be compared and extended."""
-        return self.history[-1] < LOOSE or self.promise < KNOWN
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether the model misfits so grossly that its best point says little."""
-        excess = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(self.solution.count / 2.0)
-        return bool(excess > MISFIT)
-
-    @property
-    def ln_evidence(self) -> float:
-        return self.solution.ln_evidence
-
-    @property
-    def nuisances(self) -> Priors:
-        """Priors of all that may move, but for what lies on a bound."""
-        return {p: v for p, v in self.priors.items() if p not in self.bound}
-
-    @property
-    def effects(self) -> Priors:
-        """Those of the parameters of effects."""
-        return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
-
-    @property
-    def fitted(self) -> list[ParameterId]:
-        """Parameters of effects that were estimated."""
-        return [p for p in self.solution.names if p.effect in self.model.effects]
-
-    def solved(self, problem: Problem, more: Priors, equations: NormalEquations | None = None) -> Scaled:
-        """The same data and point with other priors than those of the nuisances."""
-        return solved(problem, self.system, self.model, more, equations)
-
-
-@dataclass(frozen=True)
-class Reached:
-    """A point that was visited, its fit, and the evidence there, all that moves standing still."""
-
-    fit: Fit
-    ln_evidence: float
+    steps: dict[ParameterId, float]
+    share: float
 
 
 @dataclass(frozen=True)
@@ -136,6 +69,7 @@ class Descent:
     tried: int = 0
     bent: bool = True
     parent: Fit | None = None
+    last: Pointed | None = None
 
     @property
     def priors(self) -> Priors:
@@ -205,7 +139,7 @@ class Descent:
             self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
             tried=self.tried + 1, bent=not stays, parent=self.parent if contracts else None,
         )  # fmt: skip
-        return now if now.done else replace(now, model=now._onward(fit))
+        return now if now.done else now._onward(fit)
 
     def _in_vain(self, value: float, promise: float) -> bool:
         """Whether a small promise was kept by less than itself, and the next is as small."""
@@ -216,11 +150,12 @@ class Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""
         last = min(LONGEST, self._far(self._steps(best.solution, best.priors), best))
         cautious = replace(
-            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True, parent=None
-        )
-        return replace(cautious, model=cautious._onward(best))
+            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True,
+            parent=None, last=None,
+        )  # fmt: skip
+        return cautious._onward(best)
 
-    def _onward(self, fit: Fit) -> Model:
+    def _onward(self, fit: Fit) -> Descent:
         """Where a fit points, no farther than is trusted: the nearer, the more along the steepest way."""
         steps = self._steps(fit.solution, fit.priors)
         if self.trust < LONGEST:
@@ -228,7 +163,18 @@ class Descent:
             while self._far(steps, fit) > self.trust:
                 damped = {p: self._damped(p, damped[p], p in moving) for p in damped}
                 steps = self._steps(fit.system.solve(damped), damped, frozenset(steps))
-        return self._moved(fit, steps)
+        share = min(1.0, LONGEST / max(self._far(steps, fit), 1e-300), self._beyond(steps, fit))
+        model = self._moved(fit, {p: share * float(s) for p, s in steps.items()})
+        return replace(self, model=model, last=Pointed(steps, share))
+
+    def _beyond(self, steps: dict[ParameterId, float], fit: Fit) -> float:
+        """Share of steps to take where they point back: the secant's, so that no shape goes to and fro for ever."""
+        if self.last is None:
+            return 1.0
+        before = self.last.steps
+        width = {p: self._size(p, 1.0, fit.priors, fit.model) for p in steps.keys() & before.keys()}
+        along, back = (sum(s[p] * before[p] * w**2 for p, w in width.items()) for s in (before, steps))
+        return self.last.share * along / (along - back) if back < 0.0 else 1.0
 
     def _damped(self, p: ParameterId, prior: Prior, moving: bool) -> Prior:
         """A prior drawn to the present point, for what moves."""
@@ -290,10 +236,9 @@ class Descent:
         return p.kind in (Kind.KEY, Kind.PLACE) or p.kind in SHIFTS or p in self.priors
 
     def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:
-        """The model after steps from a fit, none too long and none across a bound."""
-        model, share = fit.model, min(1.0, LONGEST / max(self._far(steps, fit), 1e-300))
-        for p, whole in steps.items():
-            step = float(whole) * share
+        """The model after steps from a fit, none across a bound."""
+        model = fit.model
+        for p, step in steps.items():
             if p.kind in SHIFTS:
                 shift = list(model.shift(p.file))
                 shift[p.axis] += float(np.clip(step, -1.0, 1.0))

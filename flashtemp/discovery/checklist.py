@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.laboratory import LabError, errors
 from flashtemp.discovery.nuisances import LOOSE

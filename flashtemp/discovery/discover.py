@@ -14,8 +14,9 @@ import numpy as np
 from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
 from flashtemp.discovery.assessment import Assessed
-from flashtemp.discovery.calibration import ENOUGH, Fit, Watch
+from flashtemp.discovery.calibration import Watch
 from flashtemp.discovery.checklist import checklist
+from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn

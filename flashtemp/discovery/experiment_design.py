@@ -19,7 +19,8 @@ from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery import sensor_places
-from flashtemp.discovery.calibration import Fit, Watch
+from flashtemp.discovery.calibration import Watch
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.nuisances import MODES, nuisances

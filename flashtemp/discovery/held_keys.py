@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import declaration, prior
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem, may_move

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.nuisances import GROUPS, LOOSE
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem

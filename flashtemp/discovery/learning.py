@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.discovery import assessment
-from flashtemp.discovery.calibration import Descent, Fit, Watch, descend
+from flashtemp.discovery.calibration import Descent, Watch, descend
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.formula import formula, legend
 from flashtemp.discovery.hypothesis import Candidate, candidates
 from flashtemp.discovery.linear_gaussian import NormalEquations
@@ -75,7 +76,8 @@ class Learned:
         return LearnedLaw(
             law.unknown.name, law.argument.name, law.words, law.unknown.unit, law.argument.unit,
             "" if form is None else f"{form.name}: {form.words}, {legend(law)}", at,
-            law.shown(middle), law.shown(np.maximum(middle - reach, law.unknown.least)), law.shown(middle + reach), law.nodes,
+            law.shown(middle), law.shown(np.maximum(middle - reach, law.unknown.least)), law.shown(middle + reach),
+            law.nodes,
             {t.law.words: t.ln_bayes for t in self.beside},
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.calibration import MISFIT, Fit
+from flashtemp.discovery.fit import MISFIT, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import MODES

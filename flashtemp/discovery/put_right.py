@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Descent, Fit, Watch, descend
+from flashtemp.discovery.calibration import Descent, Watch, descend
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, scored
 from flashtemp.discovery.hypothesis import prior
 from flashtemp.discovery.laboratory import LabError, errors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.linear_gaussian import Array, NormalEquations
 from flashtemp.discovery.parameters import ParameterId, Priors

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from flashtemp.discovery import adequacy
-from flashtemp.discovery.calibration import Descent, Fit, Watch, advance, descend
+from flashtemp.discovery.calibration import Descent, Watch, advance, descend
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, holdable
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ParameterId

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from flashtemp.discovery.calibration import FAR, Descent, Fit, Watch, descend
+from flashtemp.discovery.calibration import FAR, Descent, Watch, descend
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError

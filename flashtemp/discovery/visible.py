@@ -8,7 +8,7 @@ import numpy as np
 
 from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.assessment import Assessed
-from flashtemp.discovery.calibration import Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.floor import LARGEST, LEAST
 from flashtemp.discovery.nuisances import nuisances
 from flashtemp.discovery.problem import Problem

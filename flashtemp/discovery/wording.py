@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flashtemp.discovery.calibration import ENOUGH, Fit
+from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
 from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict

@@ -1,0 +1,92 @@
+"""A model at its best point: its solution, how near that point is, and what may be concluded from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.parameters import ParameterId, Priors
+from flashtemp.discovery.prediction import Prediction
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.scales import Scaled, solved
+
+ENOUGH = 0.01  # largest last step over its prior standard deviation
+KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
+EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
+MISFIT, LOOSE = 20.0, 0.2  # standard errors of chi2 of a gross misfit, and the step that is enough to compare
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model at its best point: `solution` of its last linearisation, and the `history` of steps over prior
+    standard deviations, of which the last is the one it would still take.
+
+    `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
+    `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
+    was taken and did not gain it: where rims of an image come and go, two points point at each other.
+    """
+
+    model: Model
+    predictions: tuple[Prediction, ...]
+    system: System
+    solution: Solution
+    priors: Priors
+    scale: float
+    history: tuple[float, ...]
+    bound: frozenset[ParameterId] = frozenset()
+    promise: float = np.inf
+    vain: bool = False
+
+    @property
+    def blocks(self) -> list[Block]:
+        return self.system.blocks
+
+    @property
+    def converged(self) -> bool:
+        """Whether the certificate holds: the next step is short, or gains nothing."""
+        return self.history[-1] < ENOUGH or (self.usable and (self.promise < EVEN or self.vain))
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is near enough to its best point to be compared and extended."""
+        return self.history[-1] < LOOSE or self.promise < KNOWN
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the model misfits so grossly that its best point says little."""
+        excess = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(self.solution.count / 2.0)
+        return bool(excess > MISFIT)
+
+    @property
+    def ln_evidence(self) -> float:
+        return self.solution.ln_evidence
+
+    @property
+    def nuisances(self) -> Priors:
+        """Priors of all that may move, but for what lies on a bound."""
+        return {p: v for p, v in self.priors.items() if p not in self.bound}
+
+    @property
+    def effects(self) -> Priors:
+        """Those of the parameters of effects."""
+        return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
+
+    @property
+    def fitted(self) -> list[ParameterId]:
+        """Parameters of effects that were estimated."""
+        return [p for p in self.solution.names if p.effect in self.model.effects]
+
+    def solved(self, problem: Problem, more: Priors, equations: NormalEquations | None = None) -> Scaled:
+        """The same data and point with other priors than those of the nuisances."""
+        return solved(problem, self.system, self.model, more, equations)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A point that was visited, its fit, and the evidence there, all that moves standing still."""
+
+    fit: Fit
+    ln_evidence: float

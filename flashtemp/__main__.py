@@ -19,6 +19,9 @@ def main(argv: list[str] | None = None) -> int:
     if argv is None:  # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, "1")
+        for stream in (sys.stdout, sys.stderr):  # a title may hold letters that the terminal's code page has not
+            if hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors="backslashreplace")
     try:
         asked, log = split(list(sys.argv[1:] if argv is None else argv))
         with logged(log, asked):

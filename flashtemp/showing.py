@@ -128,7 +128,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     fresh = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     try:
         yield fresh
-        with fresh.open("rb") as file:
+        with fresh.open("r+b") as file:  # Windows puts on disk only what can be written
             os.fsync(file.fileno())
         fresh.replace(path)
     finally:

@@ -35,7 +35,8 @@ def parts(images: np.ndarray, step: int | None = None) -> Iterator[tuple[int, np
     step = step or max(1, PART // max(1, images[0].size))
     for begin in range(0, len(images), step):
         yield begin, images[begin : begin + step]
-        if (mapped := getattr(images, "_mmap", None)) is not None:
+        mapped = getattr(images, "_mmap", None)
+        if mapped is not None and hasattr(mapped, "madvise"):  # Windows has none
             mapped.madvise(mmap.MADV_DONTNEED)
 
 

@@ -139,7 +139,9 @@ def _separator(lines: list[str]) -> str | None:
     clearest = {separator: clear(separator) for separator in SEPARATORS}
     separator = max(clearest, key=lambda separator: clearest[separator])
     if not clearest[separator]:
-        raise BadInput("no matrix of numbers in it; give a text file with one row of the image per line")
+        raise BadInput(
+            "no matrix of numbers in it; give files with a row of numbers per line, or a pattern that leaves this out"
+        )
     return separator
 
 

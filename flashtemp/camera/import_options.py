@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model import units
+from flashtemp.model import kinds, units
 from flashtemp.model.case_file import read_toml
 
 CHOICES = {
@@ -240,6 +240,7 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
         _, raw = read_toml(path)
     except OSError as fault:
         raise BadInput(f"{path}: no such file; give a recording template or write one with --template") from fault
+    kinds.expect(kinds.TEMPLATE, raw, path, path.name)
     known = {f.name: f.type for f in fields(Facts)}
     faults, values = [], {}
     files, out = raw.pop("files", None), raw.pop("out", None)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.model.schema import TABLES
+from flashtemp.model import kinds
 from flashtemp.runs import folders
 
 DEEP, MOST = 4, 5000  # folders in folders, and files, that are looked at
@@ -79,7 +79,9 @@ def _sort(out: Listing, folder: Path, path: Path) -> None:
     """Put one file where it belongs."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        kind = {"case": out.cases, "campaign": out.campaigns, "recording": out.templates}.get(kind_of(folder / path))
+        kind = {kinds.CASE: out.cases, kinds.CAMPAIGN: out.campaigns, kinds.TEMPLATE: out.templates}.get(
+            kind_of(folder / path)
+        )
         if kind is not None:
             kind.append(path)
     elif suffix == ".nc":
@@ -90,15 +92,11 @@ def _sort(out: Listing, folder: Path, path: Path) -> None:
 
 def kind_of(file: Path) -> str:
     """Whether a TOML file is a case, a campaign or a recording template; "" for any other."""
+    named = "case" if file.name == "case.toml" else ""
     try:
-        raw = tomllib.loads(file.read_text(encoding="utf-8"))
+        return kinds.kind(tomllib.loads(file.read_text(encoding="utf-8"))) or named
     except (OSError, ValueError, RecursionError):
-        return "case" if file.name == "case.toml" else ""
-    if "recording" in raw or "force" in raw:
-        return "campaign"
-    if "files" in raw:
-        return "recording"
-    return "case" if file.name == "case.toml" or {"effects", "free", *TABLES} & set(raw) else ""
+        return named
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -36,11 +38,20 @@ class Listing:
     begun: dict[Path, folders.Owner] = field(default_factory=dict)
 
     @property
-    def image_folders(self) -> dict[Path, int]:
-        """Folders with camera files, and how many each holds."""
-        out: dict[Path, int] = {}
+    def series(self) -> dict[str, int]:
+        """Camera files that belong together, as `import` takes them, and how many they are.
+
+        A folder whose names differ in numbers alone is one series; of any other every such series is a pattern.
+        """
+        folders: dict[Path, dict[str, list[Path]]] = {}
         for path in self.images:
-            out[path.parent] = out.get(path.parent, 0) + 1
+            parts = re.split(r"\d+", path.name)
+            folders.setdefault(path.parent, {}).setdefault("*".join(map(glob.escape, parts)), []).append(path)
+        out: dict[str, int] = {}
+        for folder, patterns in folders.items():
+            for pattern, paths in patterns.items():
+                alone = paths[0] if len(paths) == 1 else folder / pattern
+                out[str(folder if len(patterns) == 1 else alone)] = len(paths)
         return out
 
 

@@ -119,6 +119,15 @@ def write_json(data: Any, file: Path) -> None:
         fresh.write_text(to_json(data) + "\n", encoding="utf-8")
 
 
+def several(count: int, thing: str) -> str:
+    """A number of things in words.
+
+    >>> several(1, "frame"), several(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 UNFINISHED = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of files that are being written
 
 

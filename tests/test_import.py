@@ -305,7 +305,7 @@ def test_command(tmp_path, image, capsys, monkeypatch):
     assert "--overwrite" in capsys.readouterr().err
     assert main(["import", "*.csv", "--out", "r.nc", *WORDS, "--overwrite", "--mask-box", "0", "0", "1", "1"]) == 0
     out, _ = capsys.readouterr()
-    assert out.startswith("Recording 'sidewall' of 1 frames")
+    assert out.startswith("Recording 'sidewall' of 1 frame,")
 
 
 def test_options_take_units(tmp_path, image, capsys, monkeypatch):

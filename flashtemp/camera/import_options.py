@@ -261,22 +261,6 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
     return files, None if out is None else str(path.parent / out), Facts(**values)
 
 
-def in_plain_numbers(words: list[str]) -> list[str]:
-    """Words of a command line with the numbers of options as plain ones where they have a unit.  Raises BadInput.
-
-    >>> in_plain_numbers(["import", "a.csv", "--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"])
-    ['import', 'a.csv', '--block', '25.0', '7', '--start=-0.02', '--was.air', '20.0']
-    """
-    out, option = [], ""
-    for word in words:
-        name, given, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        option = name[2:].replace("-", "_") or option
-        if units.meant(value) and option.split(".")[-1] in UNITS:
-            value = repr(_number(option, value))
-        out.append(name + given + value)
-    return out
-
-
 def _value(key: str, kind: str, value: Any, folder: Path) -> Any:
     """A TOML value as the type of its fact; BadInput says what would be right."""
     if key in CHOICES:

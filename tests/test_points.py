@@ -224,6 +224,15 @@ def test_dates_and_times_of_loggers_are_read_as_they_write_them(tmp_path, rows, 
     assert found.temperature[:, 0].tolist() == [[20.5, 21.5], [22.5, 23.5]]
 
 
+def test_places_may_have_units(tmp_path):
+    told = logged(tmp_path, "0;20;21\n1;22;23\n", "name,x,z,lag_s\na,10 mm,2mm,500 ms\nb,0.02,-1 mm,0.1\n")
+    places = flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told).recording.places.as_rows()
+    assert [(p["x"], p["z"], p["lag_s"]) for p in places] == [(0.01, 0.002, 0.5), (0.02, -0.001, 0.1)]
+    (tmp_path / "places.csv").write_text("name,x,z\na,10 s,0.002\n")
+    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is no quantity in m"):
+        flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
+
+
 def test_one_thermocouple_with_date_and_time_is_a_table(tmp_path):
     told = logged(tmp_path, "2024-05-31 12:00:03;20,5\n2024-05-31 12:00:04;21,5\n", "name,x,z\na,0.01,0.002\n")
     found = flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told).recording

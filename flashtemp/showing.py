@@ -140,5 +140,9 @@ def whole_file(path: Path) -> Iterator[Path]:
         with fresh.open("r+b") as file:  # Windows puts on disk only what can be written
             os.fsync(file.fileno())
         fresh.replace(path)
+    except OSError as fault:
+        if str(fault.filename) != str(fresh):
+            raise
+        raise OSError(fault.errno, fault.strerror, str(path)) from fault  # the name that somebody gave
     finally:
         fresh.unlink(missing_ok=True)

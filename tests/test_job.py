@@ -20,6 +20,7 @@ from flashtemp.api.simulation import resume, simulate
 from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.runs import job
+from flashtemp.showing import write_json
 from flashtemp.solver.cvode import Integrator, Tolerance
 
 SMALL = {
@@ -374,3 +375,9 @@ def test_integration_ends_exactly_where_it_should(binding, end):
     assert t == end
     assert y[1] == pytest.approx(end, rel=1e-12)
     assert y[0] == pytest.approx(np.exp(-end), abs=1e-4)
+
+
+def test_a_file_that_cannot_be_written_is_told_by_its_own_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as fault:
+        write_json({}, tmp_path / "none" / "a.json")
+    assert fault.value.filename == str(tmp_path / "none" / "a.json")

@@ -19,6 +19,9 @@ def main(argv: list[str] | None = None) -> int:
     if argv is None:  # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, "1")
+        for stream in (sys.stdout, sys.stderr):  # a title may hold letters that the terminal's code page has not
+            if hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors="backslashreplace")
     try:
         asked, log = split(list(sys.argv[1:] if argv is None else argv))
         with logged(log, asked):
@@ -52,14 +55,15 @@ def _ended(asked: list[str], last: bool) -> int:
 def _run(words: list[str], debug: bool) -> int:
     import warnings
 
-    from flashtemp.cli.commands import CycloptsError, app, plain
+    from flashtemp.cli.commands import NAMES, CycloptsError, app, plain
 
     if not debug:  # what becomes of it is told where it matters
         warnings.simplefilter("ignore", RuntimeWarning)
     try:
         code = app(plain(words), exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as fault:
-        raise BadInput("flashtemp: " + " ".join(str(fault).split()) + " See flashtemp --help.") from fault
+        where = f"{words[0]} " if words and words[0] in NAMES else ""
+        raise BadInput("flashtemp: " + " ".join(str(fault).split()) + f" See flashtemp {where}--help.") from fault
     return code if isinstance(code, int) else DONE
 
 

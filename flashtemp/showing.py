@@ -119,6 +119,15 @@ def write_json(data: Any, file: Path) -> None:
         fresh.write_text(to_json(data) + "\n", encoding="utf-8")
 
 
+def several(count: int, thing: str) -> str:
+    """A number of things in words.
+
+    >>> several(1, "frame"), several(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 UNFINISHED = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of files that are being written
 
 
@@ -128,8 +137,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     fresh = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     try:
         yield fresh
-        with fresh.open("rb") as file:
+        with fresh.open("r+b") as file:  # Windows puts on disk only what can be written
             os.fsync(file.fileno())
         fresh.replace(path)
+    except OSError as fault:
+        if str(fault.filename) != str(fresh):
+            raise
+        raise OSError(fault.errno, fault.strerror, str(path)) from fault  # the name that somebody gave
     finally:
         fresh.unlink(missing_ok=True)

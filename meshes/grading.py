@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from scipy.optimize import brentq
+
+
+def _root(of: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import brentq
+
+    return float(brentq(of, low, high))
 
 
 def geometric(length: float, first: float, cells: int, refine: float = 1, even: float = 0.0) -> np.ndarray:
@@ -25,7 +32,7 @@ def geometric(length: float, first: float, cells: int, refine: float = 1, even: 
     s = np.linspace(0.0, 1.0, fine + 1)
     if cells == 1 or first * cells >= length * (1 - 1e-9):
         return s * length
-    rate = brentq(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0)
+    rate = _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0)
     edges = length * np.expm1(rate * s) / np.expm1(rate)
     if even:
         edges = length * _shared(s, cells, rate, even)
@@ -63,7 +70,7 @@ def two_sided(length: float, first: float, last: float, cells: int, refine: floa
         return (a[-1] - a[-2]) - (b[-1] - b[-2])
 
     low, high = 0.05 * length, 0.95 * length
-    split = brentq(jump, low, high) if jump(low) * jump(high) < 0 else 0.5 * length
+    split = _root(jump, low, high) if jump(low) * jump(high) < 0 else 0.5 * length
     a = geometric(split, first, lead, refine)
     b = geometric(length - split, last, trail, refine)
     return np.concatenate([a, (length - b[::-1])[1:]])

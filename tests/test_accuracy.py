@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
+from flashtemp.runs.convergence import Convergence
+
 L = 0.025
 BARE = {"ambient__convection": 0.0, "contact__lane_widening": 0.0}
 
@@ -70,3 +72,11 @@ def test_slide2d_agrees_with_the_reference(lab, cells, first, most, along, middl
     label = f"slide2d {run.mesh.n_cells} cells"
     lab.check(f"{label}, along x at 35 s, %", scale * np.abs(line).max(), along)
     lab.check(f"{label}, middle in time, %", scale * np.abs(history - reference["TR_mid_rise"]).max(), middle)
+
+
+def test_an_order_that_cannot_be_told_is_none_and_errors_have_their_unit():
+    found = Convergence([1, 2, 4], [[0.0] * 4] * 3, [1.0, 2.0, 2.0, float("nan")], [0.1] * 4, [0.2] * 4, 0.1)
+    lines = str(found).splitlines()
+    assert lines[1].startswith("  rise at the leading edge, K ")
+    assert "order     -" in lines[4]
+    assert "nan" not in str(found)

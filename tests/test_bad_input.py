@@ -286,3 +286,53 @@ def test_result_that_exists_is_kept(tmp_path, capsys):
     assert str(kept.parent) in line
     assert "--overwrite" in line
     assert kept.read_text() == "mine"
+
+
+KINDS = {
+    "case": 'title = "a"\n[contact]\npressure = 1e5\n',
+    "campaign": 'title = "a"\ncase = "case.toml"\n',
+    "recording template": 'files = ["*.jpg"]\n',
+}
+
+
+@pytest.mark.parametrize("there", KINDS)
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [("case", ["check"]), ("campaign", ["compare"]), ("recording template", ["import"])],
+    ids=lambda w: w if isinstance(w, str) else "",
+)
+def test_one_kind_of_file_in_the_place_of_another_is_told(there, wanted, words, tmp_path, capsys):
+    file = tmp_path / "mine.toml"
+    file.write_text(KINDS[there], encoding="utf-8")
+    main([*words, str(file)])
+    said = capsys.readouterr().err.splitlines()
+    if there == wanted:
+        assert not [line for line in said if "this is a" in line]
+    else:
+        assert len(said) == 1
+        assert said[0].startswith(f"{file}: this is a {there}, not a {wanted}; ")
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("contact.pressure=0,3MPa", "'0,3MPa'; write the number with a point: 0.3MPa"),
+        ("pressure=3e5", "did you mean 'contact.pressure'?"),
+        ("presure=3e5", "did you mean 'contact.pressure'?"),
+        ("temperature=30", "did you mean 'ambient.temperature' or 'limits.temperature'?"),
+        ("titel=a", "did you mean 'title'?"),
+    ],
+)
+def test_what_a_newcomer_types_is_put_right(given, says, tmp_path, capsys):
+    (tmp_path / "case.toml").write_text(KINDS["case"], encoding="utf-8")
+    assert main(["check", str(tmp_path), given]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_folder_or_file_of_something_else_is_told(tmp_path, capsys):
+    (tmp_path / "case.toml").write_text(KINDS["case"], encoding="utf-8")
+    assert main(["compare", str(tmp_path)]) == 2
+    assert "no campaign.toml in it, but case.toml; give" in capsys.readouterr().err
+    (tmp_path / "side.nc").write_bytes(b"\x89HDF\r\n")
+    assert main(["compare", str(tmp_path / "side.nc")]) == 2
+    assert "side.nc: no text in UTF-8, so no TOML; give a .toml file" in capsys.readouterr().err

@@ -96,7 +96,7 @@ def test_a_case_is_no_campaign(tmp_path, capsys):
 
 def test_a_missing_campaign_is_bad_input(tmp_path, capsys):
     assert main(["compare", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
-    assert "no such campaign" in capsys.readouterr().err
+    assert "no campaign.toml in it" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,8 +8,10 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_hex
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.figure import Figure
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
@@ -38,10 +40,12 @@ from flashtemp.viz import (
     difference,
     discovery,
     missing_heat,
+    theme,
     verdict_parts,
     verdict_report,
     whitened_maps,
 )
+from flashtemp.viz import html as html_parts
 
 Test.__test__ = False  # a class of the verdict, not one of pytest
 TITLE = 'run-in <script>alert(1)</script> & "more" $5'
@@ -426,7 +430,8 @@ def test_what_is_long_is_folded(pages):
     assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
     unlikely = [r.effect.replace("_", " ") for r in RIVALS if r.score <= 0]
     assert all(f"<td>{name}</td>" in folds for name in unlikely)
-    assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td><td class" not in folds
+    less = next(fold for fold in re.findall(r"<details>.*?</details>", html, re.S) if "less probable than none" in fold)
+    assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
 
 
 def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_changes_nothing(unpainted):
@@ -664,3 +669,31 @@ def test_what_to_look_at_again_is_listed_and_no_verdict_keeps_what_it_knows():
     known = Reader(verdict_report.text(verdict("no_verdict", base=EXTENDED, rivals=RIVALS, checklist=checks))).text
     assert "What to look at again" in known
     assert RIVALS[0].effect.replace("_", " ") in known
+
+
+@pytest.mark.parametrize(("low", "wide"), [(20.1, 1.2), (20.2, 3.0), (20.4, 5.9), (20.4, 1.5), (20.0, 15.0)])
+def test_a_colour_bar_has_no_part_without_colours(low, wide):
+    ends = difference._ticks(Normalize(low, low + wide))
+    marks = difference._marks(Normalize(ends[0], ends[-1]))
+    assert ends[0] - 1e-9 <= marks[0] < marks[-1] <= ends[-1] + 1e-9
+    assert 3 <= len(marks) <= 8
+
+
+@pytest.mark.parametrize(("least", "most"), [(0.046, 0.11), (0.03, 0.1), (0.9, 1.3), (0.02, 4.0), (0.11, 0.35)])
+def test_numbers_on_the_axis_of_what_was_gained_do_not_overlap(least, most):
+    figure = Figure(figsize=(3.0, 1.2), dpi=160)
+    axis = figure.add_subplot()
+    with style.context(["default", theme.STYLE]):
+        before_after._dumbbells(axis, [("one", most, least)])
+        FigureCanvasAgg(figure).draw()
+    low, high = axis.get_xlim()
+    labels = [t for t in axis.get_xticklabels() if low <= t.get_position()[0] <= high and t.get_text()]
+    boxes = [t.get_window_extent() for t in labels]
+    assert len(boxes) >= 2
+    assert all(a.x1 + 2 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False)), [t.get_text() for t in labels]
+
+
+def test_heads_of_tables_stand_above_their_words():
+    table = html_parts.table(["a", "words", "c"], [["1", "2", "3"], ["1", "w" * 25, "3"]])
+    assert table.count('class="text"') == 3
+    assert '<th class="text">words</th>' in table

@@ -15,6 +15,8 @@ import scipy.io
 import tifffile
 
 from flashtemp.camera.files import read
+from flashtemp.camera.formats import clean_text
+from flashtemp.camera.formats import text as text_format
 from flashtemp.camera.formats.cells import numeric
 from flashtemp.camera.radiometry import ObjectParameters, Planck, apparent_counts
 from flashtemp.camera.recording import Recording
@@ -290,6 +292,44 @@ def test_text_says_its_parameters(given):
     assert frames.said == {"emissivity": 0.93, "reflected": 18.5, "humidity": 0.45}
     assert frames.clock[0] == pytest.approx(1717156803.25)
     assert "decimal commas" in frames.notes[0]
+
+
+@pytest.mark.parametrize(
+    "cell",
+    ["1.", ".5", "+-1", "-", "1e", "e5", "1.2.3", "1e2.5", "1e2e3", "--", "", "1 2", "1;2", "1_0", "nan", "9" * 65],
+)
+def test_what_is_no_plain_number_is_read_carefully(cell):
+    assert clean_text.rows("1\t2.5\n3\t4\n")[1].tolist() == [[1.0, 2.5], [3.0, 4.0]]
+    for row in (f"{cell}\t4", f"3\t{cell}"):
+        assert clean_text.rows(f"1\t2\n{row}\n5\t6\n") is None
+
+
+PLAIN = {
+    "TAB": {}, "decimal commas": {"separator": ";", "decimal": ","}, "commas": {"separator": ","},
+    "line ends": {"end": "\r\n"}, "one space": {"separator": " "}, "exponents": {"separator": "e0\t", "end": "e0\n"},
+    "header": {"header": "Emissivity: 0.95\n\n"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+def test_plain_text_is_read_at_once_and_as_carefully(kind):
+    """And whatever is done to its letters: what the quick way takes, the careful way reads alike."""
+    whole = text(**PLAIN[kind]).decode()
+    rng, quick = np.random.default_rng(len(kind)), 0
+    for number in range(300):
+        said, k = whole, int(rng.integers(0, len(whole) - 1))
+        if number:
+            odd = str(rng.choice([*' .,;+-e\t\n"1x', "\n\n", "--", "1;1", "\n1;2;3\n"]))
+            said = whole[:k] + odd + whole[k + int(rng.integers(0, 2)) :]
+        found = clean_text.rows(said)
+        if found is None:
+            assert number, "nothing was unusual"
+            continue
+        quick += 1
+        header, values, _, comma = text_format._careful(said, None)
+        assert (list(filter(None, header)), comma) == (list(filter(None, found[0])), found[3])
+        np.testing.assert_array_equal(found[1], values)
+    assert quick > 15, "some letters change a number into another"
 
 
 @pytest.mark.parametrize("mark", ["--", "---", "-40.01", "<-20", ">150", "nan", "underflow", ""])

@@ -12,6 +12,7 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.camera import geometry, import_options, importing, recording
 from flashtemp.camera.import_options import Facts
+from flashtemp.camera.import_request import found
 from flashtemp.camera.radiometry import ObjectParameters, Planck, reapply
 from flashtemp.errors import BadInput
 
@@ -304,7 +305,7 @@ def test_command(tmp_path, image, capsys, monkeypatch):
     assert "--overwrite" in capsys.readouterr().err
     assert main(["import", "*.csv", "--out", "r.nc", *WORDS, "--overwrite", "--mask-box", "0", "0", "1", "1"]) == 0
     out, _ = capsys.readouterr()
-    assert out.startswith("Recording 'sidewall' of 1 frames")
+    assert out.startswith("Recording 'sidewall' of 1 frame,")
 
 
 def test_options_take_units(tmp_path, image, capsys, monkeypatch):
@@ -340,6 +341,14 @@ def test_everything_missing_is_asked_for_at_once(tmp_path, image, capsys):
     for name in ("--view", "--downstream", "--pixel", "--mm-per-pixel", "--start", "--repetition"):
         assert name in err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv"]
+    assert main(["import", str(image)]) == 2
+    assert capsys.readouterr().err.splitlines() == ["out: missing; give --out RECORDING.nc", *lines]
+
+
+def test_files_are_taken_by_the_numbers_in_their_names_as_a_shell_does_not():
+    shell = ["b/T 1.csv", "b/T 10.csv", "b/T 2.csv", "a/T 1.csv", "a/T 10.csv", "a/T 9.csv"]
+    by_number = ["b/T 1.csv", "b/T 2.csv", "b/T 10.csv", "a/T 1.csv", "a/T 9.csv", "a/T 10.csv"]
+    assert [p.as_posix() for p in found(shell)] == by_number, "folders stay as they were given"
 
 
 @pytest.mark.parametrize(

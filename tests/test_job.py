@@ -20,6 +20,7 @@ from flashtemp.api.simulation import resume, simulate
 from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 from flashtemp.runs import job
+from flashtemp.showing import write_json
 from flashtemp.solver.cvode import Integrator, Tolerance
 
 SMALL = {
@@ -242,7 +243,7 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
     np.testing.assert_allclose(run.T_block, whole.T_block, atol=1e-3 * rise)
     np.testing.assert_allclose(run.friction_per_repetition, whole.friction_per_repetition, rtol=1e-5)
     assert run.energy_imbalance < 1e-10
-    with pytest.raises(flashtemp.BadInput, match="already whole"):
+    with pytest.raises(flashtemp.BadInput, match="already whole; missing pictures are drawn by flashtemp draw"):
         resume(out)
 
 
@@ -374,3 +375,9 @@ def test_integration_ends_exactly_where_it_should(binding, end):
     assert t == end
     assert y[1] == pytest.approx(end, rel=1e-12)
     assert y[0] == pytest.approx(np.exp(-end), abs=1e-4)
+
+
+def test_a_file_that_cannot_be_written_is_told_by_its_own_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as fault:
+        write_json({}, tmp_path / "none" / "a.json")
+    assert fault.value.filename == str(tmp_path / "none" / "a.json")

@@ -22,8 +22,11 @@ import pytest
 
 import flashtemp
 from flashtemp.camera import recording
+from flashtemp.camera.import_request import found
 from flashtemp.errors import BadInput
 from flashtemp.lab import folder as folders
+from flashtemp.lab.camera_page import CameraPage
+from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.jobs import Job, Jobs
 from flashtemp.lab.marks import FOUR, Marks, onsets
 from flashtemp.lab.toml_text import edited
@@ -171,6 +174,40 @@ def test_the_folder_is_sorted_by_what_files_are(tmp_path):
     assert [*map(str, found.templates)] == ["template.toml"]
     assert [*map(str, found.images)] == ["img.csv"]
     assert {str(k): v for k, v in found.results.items()} == {"results/a": "run"}
+
+
+def test_files_of_one_series_belong_together_and_no_others(tmp_path):
+    """What a folder of camera files and loggers offers to look at is what `import` takes."""
+    for name in (
+        "T (1).csv",
+        "T (2).csv",
+        "T (10).csv",
+        "log.csv",
+        "car.jpg",
+        "even/img1.csv",
+        "even/img2.csv",
+        "[x] 1.csv",
+        "[x] 2.csv",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("1\t2\n")
+    series = folders.listing(tmp_path).series
+    assert series == {"T (*).csv": 3, "[[]x] *.csv": 2, "log.csv": 1, "car.jpg": 1, "even": 2}
+    taken = {name: [p.name for p in found([str(folders.inside(tmp_path, name))])] for name in series}
+    assert taken["T (*).csv"] == ["T (1).csv", "T (2).csv", "T (10).csv"]
+    assert {name: len(some) for name, some in taken.items()} == series
+    page = CameraPage(tmp_path)
+    for name, free in {"T (*).csv": "T.nc", "even": "even.nc", "car.jpg": "car.nc", ".": "recording.nc"}.items():
+        page.names = [name]
+        assert page._free() == free
+
+
+def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):
+    page = CampaignPage(tmp_path)
+    for name, case in {"b.toml": "b.toml", "a.toml": "a.toml", "case.toml": "case.toml"}.items():
+        (tmp_path / name).write_text(CASE)
+        page.found = folders.listing(tmp_path)
+        assert tomllib.loads(page._begin())["case"] == case
 
 
 @pytest.mark.parametrize("name", ["../outside.toml", "/etc/passwd", "a/../../b"])
@@ -419,6 +456,7 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
     with served(place) as (address, _), page(browser, address) as seen:
         seen.get_by_role("button", name="New campaign").click()
+        assert seen.get_by_label("case that is believed").input_value() == "case.toml"
         seen.get_by_label("recording").click()
         seen.get_by_role("option", name="side.nc").click()
         seen.get_by_role("button", name="Add").click()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 
 import matplotlib.image as mpimg
 import numpy as np
@@ -12,10 +13,10 @@ from matplotlib.colors import to_rgb
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.camera.looking import KEPT, _Kept
+from flashtemp.camera.looking import BINS, KEPT, _Histogram, _Kept
 from flashtemp.errors import BadInput
 from flashtemp.lab.images import opened
-from flashtemp.viz.raw_images import DEAD, OUT, encoded
+from flashtemp.viz.raw_images import DEAD, OUT, draw, encoded
 
 
 def images(folder, count=3, rows=20, columns=30):
@@ -81,6 +82,36 @@ def test_the_command_draws_and_refuses_to_replace(tmp_path, capsys, monkeypatch)
     assert "ends in .png" in capsys.readouterr().err
 
 
+def test_a_bin_holds_as_many_steps_of_the_file_as_any_other():
+    for step, wide in ((0.1, 40.0), (0.01, 3.0), (0.5, 300.0)):
+        counted = _Histogram()
+        for _ in range(2):
+            counted.add(20.0 + step * np.arange(round(wide / step)))
+        counts, edges = counted.over()
+        assert len(counts) == len(edges) - 1 <= BINS + 1
+        assert counts.sum() == 2 * round(wide / step)
+        assert len(set(counts[1:-1])) == 1, "no comb"
+        assert edges[0] <= 20.0 < edges[1]
+        assert edges[-2] < 20.0 + wide <= edges[-1] + step
+
+
+def test_a_single_frame_is_no_curve_and_a_difference_no_temperature(tmp_path):
+    images(tmp_path, 1)
+    seen = flashtemp.look(tmp_path / "img1.csv")
+    assert [ax.get_xlabel() for ax in drawn(seen)] == ["column, px", "temperature, °C"]
+    small = replace(seen, images=0.01 * seen.images, difference=True)
+    axes = drawn(small)
+    assert axes[1].get_xlabel() == "difference of temperatures, K"
+    low, high = axes[0].images[0].get_clim()
+    assert high - low == pytest.approx(np.nanmax(small.images) - np.nanmin(small.images)), "not a whole degree"
+    assert "difference: " in str(small)
+
+
+def drawn(look):
+    """Axes of a picture but for the colour bar."""
+    return [ax for ax in draw(look).axes if ax.get_label() != "<colorbar>"]
+
+
 def test_frames_that_are_kept_are_spread_over_all():
     kept = _Kept()
     for first in range(0, 1000, 7):
@@ -98,5 +129,5 @@ def test_what_cannot_be_looked_at_is_told(tmp_path):
     images(tmp_path, 1)
     (tmp_path / "small").mkdir()
     images(tmp_path / "small", 1, 12, 20)
-    with pytest.raises(BadInput, match="pixels"):
+    with pytest.raises(BadInput, match="20 x 12 pixels, but img1.csv has 30 x 20; give files of one size"):
         flashtemp.look([tmp_path / "img1.csv", tmp_path / "small" / "img1.csv"])

@@ -206,6 +206,39 @@ def test_a_table_of_a_logger_is_imported(tmp_path):
     assert found.picture.stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        ("31.05.2024;12:00:03,25;20,5;21,5\n31.05.2024;12:00:04,25;22,5;23,5\n", (3, 4)),
+        ("2024-05-31 12:00:03.25,20.5,21.5\n2024-05-31 12:00:04.25,22.5,23.5\n", (2, 3)),
+        ('"31.05.2024"\t"12:00:03"\t20,5\t21,5\n"31.05.2024"\t"12:00:04"\t22,5\t23,5\n', (3, 4)),
+        ("31.05.2024,12:00:03,20.5,21.5\n31.05.2024,12:00:04,22.5,23.5\n", (3, 4)),
+    ],
+    ids=["date and time apart, decimal commas", "one cell", "quoted", "commas between cells"],
+)
+def test_dates_and_times_of_loggers_are_read_as_they_write_them(tmp_path, rows, columns):
+    places = "".join(f"{c},t{c},0.01,0.00{c}\n" for c in columns)
+    told = logged(tmp_path, "Datum;Uhrzeit;T1;T2\n" + rows, "column,name,x,z\n" + places)
+    found = flashtemp.import_recording(tmp_path / "log.csv", zero="2024-05-31T12:00:02", **told).recording
+    assert found.time == pytest.approx([1.25, 2.25] if "03,25" in rows or "03.25" in rows else [1.0, 2.0], abs=1e-6)
+    assert found.temperature[:, 0].tolist() == [[20.5, 21.5], [22.5, 23.5]]
+
+
+def test_places_may_have_units(tmp_path):
+    told = logged(tmp_path, "0;20;21\n1;22;23\n", "name,x,z,lag_s\na,10 mm,2mm,500 ms\nb,0.02,-1 mm,0.1\n")
+    places = flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told).recording.places.as_rows()
+    assert [(p["x"], p["z"], p["lag_s"]) for p in places] == [(0.01, 0.002, 0.5), (0.02, -0.001, 0.1)]
+    (tmp_path / "places.csv").write_text("name,x,z\na,10 s,0.002\n")
+    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is no quantity in m"):
+        flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
+
+
+def test_one_thermocouple_with_date_and_time_is_a_table(tmp_path):
+    told = logged(tmp_path, "2024-05-31 12:00:03;20,5\n2024-05-31 12:00:04;21,5\n", "name,x,z\na,0.01,0.002\n")
+    found = flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told).recording
+    assert (found.time.tolist(), found.temperature.ravel().tolist()) == ([0.0, 1.0], [20.5, 21.5])
+
+
 def test_a_table_without_times_takes_the_rate(tmp_path):
     """Column 1 is the time unless a thermocouple is in it."""
     told = logged(tmp_path, "20.0\t30.0\n21.0\t31.0\n22.0\t32.0\n", "name,x,z,column\na,0.01,0.002,1\nb,0.02,0.002,2\n")

@@ -214,4 +214,4 @@ def test_a_campaign_of_forces_only():
     reader = Reader(comparison_report.text(comparison([], [pulling()])))
     assert reader.tags.count("img") == 2
     assert reader.tags.count("table") == 1
-    assert "0 recordings, 1 load-cell traces" in reader.text
+    assert "0 recordings, 1 load-cell trace;" in reader.text

@@ -302,6 +302,14 @@ def test_picture_holds_both_models(corner):
         assert ax.get_ylim()[0] == 0.0
 
 
+def test_where_nothing_has_a_maximum_no_axes_are_made_up(corner):
+    found = corner(20.0, 0.01)
+    edges = {key: [p._replace(last=True) for p in some] for key, some in found.peaks.items()}
+    axes = picture.draw(replace(found, peaks=edges), "x").axes
+    assert [ax.axison for ax in axes] == [True, True, False, False]
+    assert all(ax.texts[0].get_text().startswith("no maximum") for ax in axes[2:])
+
+
 @pytest.mark.parametrize("given", ["tyre.speed=1e-6", "tyre.stiffness=1"])
 def test_bounds_of_speed_and_stiffness(tmp_path, capsys, given):
     assert main(["tyre", str(CASE), given, "--out", str(tmp_path / "found")]) == 2

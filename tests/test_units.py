@@ -11,6 +11,7 @@ import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.camera import import_options
 from flashtemp.camera.points import of_rows
+from flashtemp.cli import commands
 from flashtemp.errors import BadInput
 from flashtemp.model import units
 from flashtemp.model.schema import APART, MATERIAL, TABLES
@@ -121,3 +122,26 @@ def test_the_command_line_takes_units(case, capsys):
     assert main(["check", str(case), "contact.pressure=0.3MPa", "block.length=30 mm"]) == 0
     assert main(["check", str(case), "contact.pressure=0.3 m"]) == 2
     assert "contact.pressure (command line): '0.3 m' is no quantity in Pa" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "plain"),
+    [
+        (["spots", "--cutoff", "1mm", "--pressure=0.15 MPa"], ["spots", "--cutoff", "0.001", "--pressure=150000.0"]),
+        (["wait", "case", "--below", "333.15 K"], ["wait", "case", "--below", "60.0"]),
+        (["view", "run", "--time", "1e-3"], ["view", "run", "--time", "1e-3"]),
+        (["import", "a.csv", "--exposure", "1e-2", "--start", "1e-3 s"], ["import", "a.csv", "--exposure", "1e-2", "--start", "0.001"]),
+        (["run", "case", "--out", "3 m"], ["run", "case", "--out", "3 m"]),
+        ([], []),
+    ],
+    ids=lambda w: w[0] if w else "",
+)  # fmt: skip
+def test_options_of_commands_take_units(words, plain):
+    assert commands.plain(words) == plain
+
+
+def test_an_option_in_another_unit_is_told(capsys):
+    assert main(["spots", "--synthetic", "--cutoff", "1 s", "--out", "a.npz"]) == 2
+    assert capsys.readouterr().err == "cutoff: '1 s' is no quantity in m; give one that can be turned into it\n"
+    assert main(["spots"]) == 2
+    assert "See flashtemp spots --help." in capsys.readouterr().err

@@ -140,6 +140,9 @@ def test_the_window_says_what_and_when(opened):
     slider = plot.widgets.slider_widgets[0].GetRepresentation()
     assert (slider.GetMinimumValue(), slider.GetMaximumValue()) == pytest.approx((fields.times[0], fields.times[-1]))
     assert slider.GetTitleText() == "time (s)"
+    marks, _ = space.scale(*space.limits(fields, float(fields.times[0])))
+    assert plot.scalar_bar.GetNumberOfLabels() == len(marks)
+    assert plot.scalar_bar.GetLookupTable().GetTableRange() == pytest.approx((marks[0], marks[-1]))
     shown = [actor.GetText(vtk_corner) for actor in plot.actors.values() if hasattr(actor, "GetText")
              for vtk_corner in range(8)]  # fmt: skip
     assert space.KEYS in shown
@@ -154,3 +157,16 @@ def test_arrow_keys_step_through_the_kept_fields(opened):
     warm = np.asarray(plot.screenshot(return_img=True), float)
     section = np.s_[int(0.45 * len(cold)) : int(0.60 * len(cold)), 100:180]  # of the block, and the road before it
     assert warm[section].mean() > cold[section].mean() + 10, "it warms"
+
+
+@pytest.mark.parametrize(("low", "high"), [(20.0, 47.6), (20.0, 21.0), (19.94, 20.9), (-10.3, 214.0), (35.0, 583.0)])
+def test_the_colour_bar_has_round_numbers_from_end_to_end(low, high):
+    marks, form = space.scale(low, high)
+    step = marks[1] - marks[0]
+    assert 4 <= len(marks) <= 8
+    assert marks[0] <= low
+    assert marks[-1] >= high
+    assert high - low > (len(marks) - 3) * step, "no more colours than are needed"
+    np.testing.assert_allclose(np.diff(marks), step)
+    np.testing.assert_allclose([float(form % m) for m in marks], marks, atol=1e-9)
+    assert np.any(np.isclose(step / 10.0 ** np.floor(np.log10(step) + 1e-9), [1, 2, 2.5, 5]))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, NullLocator
 
 from flashtemp.viz import theme, verdict_parts
 from flashtemp.viz.difference import curves, legend
@@ -18,6 +21,7 @@ SIZES = (
 )
 SURE = 1.96
 MANY = 16  # parameters
+ROOM = 0.13  # of an axis that a number takes
 HELD = 3  # recordings left out that are drawn
 
 
@@ -73,13 +77,26 @@ def _dumbbells(ax, values: list) -> None:
     some = np.array([v[1:] for v in values])
     ax.set_xlim(some.min() / 1.4, some.max() * 1.4)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.number(v, 3)))
-    close = some.max() / some.min() < 4.0
-    ax.xaxis.set_major_locator(LogLocator(subs=range(1, 10) if close else (1, 2, 5), numticks=20))
+    ax.set_xticks(_sizes(*ax.get_xlim()))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_yticks(range(len(values)), [v[0] for v in values])
     ax.set_ylim(len(values) - 0.5, -0.7)
     ax.set_xlabel("root mean square difference (K)")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2)
+
+
+def _sizes(low: float, high: float) -> list[float]:
+    """Round numbers of a logarithmic axis, as many as there is room for.
+
+    >>> _sizes(0.021, 0.14), _sizes(0.5, 9000.0)
+    ([0.03, 0.05, 0.1], [1.0, 10.0, 100.0, 1000.0])
+    """
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1, 1.5, 2, 3, 4, 5, 7), (1, 2, 3, 5), (1, 2, 5), (1, 3), (1,)):
+        found = [v for p in powers for d in digits if low <= (v := float(f"{d}e{p}")) <= high]
+        if all(b > a * (high / low) ** ROOM for a, b in itertools.pairwise(found)):
+            break
+    return found
 
 
 def _shifts(ax, values: list) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from flashtemp.comparison.compare import SURE, Comparison, Pulling, Seeing, words
 from flashtemp.comparison.noise import Place
-from flashtemp.showing import whole_file
+from flashtemp.showing import several, whole_file
 from flashtemp.solver.run import Run
 from flashtemp.viz import html
 
@@ -97,7 +97,8 @@ def _findings(comparison: Comparison) -> list[str]:
 
 def _counted(comparison: Comparison) -> str:
     """How much was compared, and how well the simulations conserve energy."""
-    line = f"{len(comparison.seeings)} recordings, {len(comparison.pullings)} load-cell traces"
+    recordings, traces = len(comparison.seeings), len(comparison.pullings)
+    line = f"{several(recordings, 'recording')}, {several(traces, 'load-cell trace')}"
     if comparison.runs:
         line += f"; energy imbalance of the simulations at most {max(r.energy_imbalance for r in comparison.runs):.1e}"
     return escape(line)

@@ -77,7 +77,7 @@ def _images(part, view: str, own: list) -> None:
     ):
         extend = _extend([ax.images[0] for ax in np.ravel(columns)])
         bar = part.colorbar(picture, ax=columns, label=label, location="bottom", aspect=25, pad=0.02, extend=extend)
-        bar.set_ticks(_ticks(picture.norm))
+        bar.set_ticks(_marks(picture.norm))
         bar.outline.set_linewidth(0.4)
     legend(axes[-1, 3], own).set_in_layout(False)  # it lies beside the colour bars
 
@@ -131,6 +131,12 @@ def _ticks(norm) -> np.ndarray:
     ticks = np.asarray(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]).tick_values(norm.vmin, norm.vmax))
     some = SLACK * (ticks[1] - ticks[0])
     return ticks[int(ticks[1] - norm.vmin < some) : len(ticks) - int(norm.vmax - ticks[-2] < some)]
+
+
+def _marks(norm) -> np.ndarray:
+    """Those of them that lie on the bar: any other would stretch it beyond its colours."""
+    ticks, least = _ticks(norm), 1e-9 * (norm.vmax - norm.vmin)
+    return ticks[(ticks >= norm.vmin - least) & (ticks <= norm.vmax + least)]
 
 
 def _map(norm):

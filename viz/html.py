@@ -85,15 +85,16 @@ def fold(title: str, parts: Iterable[str]) -> str:
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """An HTML table of text; what is longer than a number is set flush left."""
+    """An HTML table of text; columns of what is longer than a number are set flush left, with their heads."""
+    words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
 
-    def cell(tag: str, text: str) -> str:
-        kind = ' class="text"' if tag == "td" and len(text) > 24 else ""
-        return f"<{tag}{kind}>{escape(text)}</{tag}>"
+    def line(tag: str, texts: list[str]) -> str:
+        kinds = (' class="text"' if k in words else "" for k in range(len(texts)))
+        return "".join(f"<{tag}{kind}>{escape(text)}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
 
-    lines = ["".join(cell("td", text) for text in row) for row in rows]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    top = "".join(cell("th", text) for text in head)
+    lines = [line("td", row) for row in rows]
+    body = "\n".join(f"<tr>{cells}</tr>" for cells in lines)
+    top = line("th", head)
     return f'<div class="wide">\n<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
 
 

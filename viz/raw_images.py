@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.colors import ListedColormap, to_rgba
+from matplotlib.colors import ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
@@ -22,7 +22,9 @@ def draw(look) -> Figure:
     fig = Figure(figsize=(theme.WIDE, 0.4 + tall + BELOW), layout="constrained", facecolor="white")
     fig.suptitle(plain(str(look).splitlines()[0]), x=0.01, ha="left")
     above, below = fig.subfigures(2, 1, height_ratios=[tall, BELOW], squeeze=False)[:, 0]
-    norm = theme.temperature_norm(look.images)
+    norm = Normalize(*theme.span(look.images, least=1e-3, margin=0.0)) if look.difference else None
+    norm = norm or theme.temperature_norm(look.images)
+    label = "difference of temperatures, K" if look.difference else f"temperature, {theme.DEGREE}"
     axes = above.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for ax, image, number in zip(axes, look.images, look.shown, strict=False):
         shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
@@ -34,15 +36,18 @@ def draw(look) -> Figure:
     axes[0].set_ylabel("row, px")
     for ax in axes[max(0, n - columns) : n]:
         ax.set_xlabel("column, px")
-    above.colorbar(shown, ax=list(axes[:n]), label=f"temperature, {theme.DEGREE}", fraction=0.04)
-    left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0])
-    _course(left, look)
+    above.colorbar(shown, ax=list(axes[:n]), label=label, fraction=0.04)
+    *left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0]) if len(look.mean) > 1 else [below.subplots()]
+    for ax in left:  # a single value is no curve
+        _course(ax, look)
     right.stairs(look.counts, look.edges, fill=True, color=theme.BLOCK)
-    right.set(xlabel=f"temperature, {theme.DEGREE}", ylabel="values", yscale="log")
+    right.set(xlabel=label, ylabel="values", yscale="log")
     return fig
 
 
 def _when(look, number: int) -> str:
+    if len(look.mean) == 1:
+        return "the only frame"
     if look.time is not None:
         return f"frame {number}, {theme.number(look.time[number])} s"
     if look.clock is not None:
@@ -58,7 +63,7 @@ def _course(ax, look) -> None:
     elif look.clock is not None:
         x, label = look.clock - look.clock[0], "time after the first frame, s"
     ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
-    ax.set(xlabel=label, ylabel=f"mean of the image, {theme.DEGREE}")
+    ax.set(xlabel=label, ylabel=f"mean of the image, {'K' if look.difference else theme.DEGREE}")
 
 
 def encoded(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:

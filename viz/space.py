@@ -39,11 +39,24 @@ def parts(fields, t: float) -> dict[str, tuple]:
 
 
 def limits(fields, t: float) -> tuple[float, float]:
-    """Colour limits (degC): from the coolest cell to the hottest contact of all kept times."""
+    """What is coloured (degC): from the coolest cell to the hottest contact of all kept times."""
     low = min(float(fields.T(body, t).min()) for body in ("block", "road"))
     faces = ("T_block_degC", "T_road_degC")
     high = max(float(fields.cells("contact", face, each).max()) for face in faces for each in fields.times)
     return low, max(high, low + 1.0)
+
+
+def scale(low: float, high: float) -> tuple[np.ndarray, str]:
+    """Evenly spaced round numbers (degC) that a colour bar goes from and to, and how they are written.
+
+    >>> scale(20.0, 47.6)[0].tolist(), scale(20.0, 21.0)[1]
+    ([20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0], '%.1f')
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    marks = np.asarray(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    digits = next(d for d in range(9) if np.allclose(marks, np.round(marks, d), rtol=0.0, atol=1e-9))
+    return marks, f"%.{digits}f"
 
 
 def _grid(x, y, z, T):
@@ -68,10 +81,10 @@ def plotter(fields, t: float, off: bool = True):
     import pyvista as pv
 
     seen = parts(fields, t)
-    norm = limits(fields, t)
-    style = {"scalars": "T", "cmap": theme.temperature_map(), "clim": norm, "lighting": False}
+    marks, form = scale(*limits(fields, t))
+    style = {"scalars": "T", "cmap": theme.temperature_map(), "clim": marks[[0, -1]].tolist(), "lighting": False}
     bar: Any = {
-        "title": f"temperature ({theme.DEGREE})", "vertical": True, "color": INK, "n_labels": 5, "fmt": "%.0f",
+        "title": f"temperature ({theme.DEGREE})", "vertical": True, "color": INK, "n_labels": len(marks), "fmt": form,
         "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
         "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
@@ -79,6 +92,7 @@ def plotter(fields, t: float, off: bool = True):
     plot.set_background(PAPER)
     road, whole = _grid(*seen["road"]), _grid(*seen["block"])
     plot.add_mesh(road, **style, scalar_bar_args=bar)
+    plot.scalar_bar.SetVerticalTitleSeparation(12)
     plot.add_mesh(road.outline(), color=EDGE)
     if off:
         plot.add_mesh(_grid(*_half(*seen["block"])), **style, show_scalar_bar=False)
@@ -176,7 +190,8 @@ def show(fields, t: float) -> None:
 @theme.styled
 def plain(fields, t: float) -> Figure:
     """The same faces by matplotlib alone: road from above, section of the block, lengths in mm."""
-    seen, norm = parts(fields, t), theme.temperature_norm(np.array(limits(fields, t)))
+    marks, _ = scale(*limits(fields, t))
+    seen, norm = parts(fields, t), theme.temperature_norm(marks)
     colour = theme.temperature_map()
     fig = Figure(figsize=(7.2, 4.6), facecolor="white")
     ax = fig.add_subplot(projection="3d", computed_zorder=False)
@@ -198,5 +213,5 @@ def plain(fields, t: float) -> Figure:
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
     fig.text(0.02, 0.03, f"t = {theme.number(float(moment))} s")
     label = f"temperature ({theme.DEGREE})"
-    fig.colorbar(ScalarMappable(norm, colour), ax=ax, label=label, shrink=0.6, pad=0.05, location="left")
+    fig.colorbar(ScalarMappable(norm, colour), ax=ax, label=label, ticks=marks, shrink=0.6, pad=0.05, location="left")
     return fig

@@ -95,6 +95,9 @@ def _maxima(ax, found, model: str, colours) -> None:
     if not found.inside(model):
         words = f"no maximum up to {theme.number(found.angles[-1], 3)} deg" if found.no_maximum(model) else "no maximum"
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT)
+        if not any(found.inside(model, n) for n in (*GREY, "law")):  # no range is made up for nothing
+            ax.set_axis_off()
+            return
     for name in (n for n in (*GREY, "law") if found.inside(model, n)):
         best = np.array([p.value for p in found.peaks[model, name]])
         change = 100 * (best / best[0] - 1)

@@ -6,6 +6,7 @@ import math
 
 from flashtemp.discovery.verdict import Rival, Verdict
 from flashtemp.discovery.wording import gate
+from flashtemp.showing import several
 from flashtemp.viz import html, verdict_parts
 from flashtemp.viz.numbers import (
     after,
@@ -83,7 +84,9 @@ def rivals(v: Verdict) -> list[str]:
     likely = [r for r in tried if r.score > 0 or r.effect in v.group]
     out = [_candidates(likely)] if likely else [html.paragraph("No other candidate makes the data more probable.")]
     less, idle = [r for r in tried if r not in likely], [r for r in some if r not in tried]
-    out += [html.fold(f"{len(less)} candidates that make the data less probable", [_candidates(less)])] if less else []
+    if less:
+        words = f"{several(len(less), 'candidate')} less probable than none"
+        out.append(html.fold(words, [_candidates(less)]))
     if idle:
         rows = [[spoken(r.effect), r.reason.removeprefix("not tried: ")] for r in idle]
         out.append(html.fold(f"{len(idle)} effects that were not tried", [html.table(["effect", "why not"], rows)]))

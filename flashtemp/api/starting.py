@@ -59,7 +59,7 @@ def new(kind: str, *, out: str | Path | None = None) -> Starter:
     Raises BadInput for a file that exists.
     """
     if kind not in KINDS:
-        raise BadInput(f"new: {kind!r}{nearest(kind, KINDS)}; give {', '.join(KINDS)}")
+        raise BadInput(f"new: {kind!r}{nearest(kind, KINDS)}")
     text = KINDS[kind]().rstrip() + "\n"
     if out is None:
         return Starter(kind, text)

@@ -113,6 +113,17 @@ def _named(path: Path) -> Iterator[None]:
         ) from fault
 
 
+def alike(first: Path, one: Frames, path: Path, other: Frames) -> None:
+    """BadInput where a file is of another kind or size than the first."""
+    if one.format != other.format:
+        raise BadInput(f"{path}: {other.format}, but {first.name} is {one.format}; give files of one kind at once")
+    (rows, columns), (high, wide) = one.shape, other.shape
+    if (rows, columns) != (high, wide):
+        raise BadInput(
+            f"{path}: {wide} x {high} pixels, but {first.name} has {columns} x {rows}; give files of one size at once"
+        )
+
+
 def _by_magic(path: Path, known: Unsaid) -> Iterator[Frames]:
     if not path.is_file():
         raise BadInput("no such file; give camera files, a folder of them or a recording template (.toml)")

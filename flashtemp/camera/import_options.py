@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model import units
+from flashtemp.model import kinds, units
 from flashtemp.model.case_file import read_toml
 
 CHOICES = {
@@ -240,6 +240,7 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
         _, raw = read_toml(path)
     except OSError as fault:
         raise BadInput(f"{path}: no such file; give a recording template or write one with --template") from fault
+    kinds.expect(kinds.TEMPLATE, raw, path, path.name)
     known = {f.name: f.type for f in fields(Facts)}
     faults, values = [], {}
     files, out = raw.pop("files", None), raw.pop("out", None)
@@ -258,22 +259,6 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
     if faults:
         raise BadInput(*faults)
     return files, None if out is None else str(path.parent / out), Facts(**values)
-
-
-def in_plain_numbers(words: list[str]) -> list[str]:
-    """Words of a command line with the numbers of options as plain ones where they have a unit.  Raises BadInput.
-
-    >>> in_plain_numbers(["import", "a.csv", "--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"])
-    ['import', 'a.csv', '--block', '25.0', '7', '--start=-0.02', '--was.air', '20.0']
-    """
-    out, option = [], ""
-    for word in words:
-        name, given, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        option = name[2:].replace("-", "_") or option
-        if units.meant(value) and option.split(".")[-1] in UNITS:
-            value = repr(_number(option, value))
-        out.append(name + given + value)
-    return out
 
 
 def _value(key: str, kind: str, value: Any, folder: Path) -> Any:

@@ -46,23 +46,38 @@ def target(out: Path, overwrite: bool = False) -> Path:
 
 
 def found(names: Sequence[str], folder: Path = Path()) -> list[Path]:
-    """Files of names, patterns and folders, in the order given and then by name (img2 before img10)."""
-    out: list[Path] = []
+    """Files of names, patterns and folders in the order given; those of one pattern or folder by name.
+
+    So are files of one folder that follow each other: a shell hands img10 over before img2.  Raises BadInput.
+    """
+    groups: list[list[Path]] = []
+    single = False  # whether the last group is of files given one by one
     for name in names:
         path = folder / name
-        if path.is_dir():
-            inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
-            some = [p for p in inside if p.suffix.lower() not in NO_CAMERA_FILE]
-        elif any(c in name for c in "*?[") and not path.exists():
-            root, pattern = (
-                (Path(path.anchor), str(path.relative_to(path.anchor))) if path.is_absolute() else (Path(), str(path))
-            )
-            some = [p for p in root.glob(pattern) if p.is_file()]
-        else:
-            some = [path]
-        if not some:
+        some = _some(path)
+        if some is None and single and groups[-1][0].parent == path.parent:
+            groups[-1].append(path)
+            continue
+        if some is not None and not some:
             raise BadInput(f"{path}: no camera files there; give files, a folder or a pattern that matches some")
-        out += sorted(some, key=lambda p: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(p))])
-    if not out:
+        single = some is None
+        groups.append([path] if some is None else some)
+    if not groups:
         raise BadInput("no camera files; give files, a folder or a recording template (.toml)")
-    return out
+    return [path for group in groups for path in sorted(group, key=_by_number)]
+
+
+def _some(path: Path) -> list[Path] | None:
+    """The files of a folder or pattern; None where the path is a file's own."""
+    if path.is_dir():
+        inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+        return [p for p in inside if p.suffix.lower() not in NO_CAMERA_FILE]
+    if not any(c in str(path) for c in "*?[") or path.exists():
+        return None
+    root = Path(path.anchor) if path.is_absolute() else Path()
+    return [p for p in root.glob(str(path.relative_to(path.anchor))) if p.is_file()]
+
+
+def _by_number(path: Path) -> list[int | str]:
+    """Names in order of the numbers in them."""
+    return [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(path))]

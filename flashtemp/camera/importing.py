@@ -69,7 +69,8 @@ class Imported(Shown):
     def __str__(self) -> str:
         if self.saved is None:
             return str(self.recording)
-        return f"{self.recording}\n  in {self.saved}" + (f", registration in {self.picture}" if self.picture else "")
+        drawn = "drawn" if self.recording.view == "points" else "registration"
+        return f"{self.recording}\n  in {self.saved}" + (f", {drawn} in {self.picture}" if self.picture else "")
 
     def sheet(self) -> Sheet:
         written = [f"{name} in {path}" for name, path in self._written().items() if path]
@@ -91,6 +92,19 @@ def recorded(
     return _of_images(_thinned(names, facts), facts, told, folder)
 
 
+def missing(names: list[Path], facts: Facts) -> tuple[str, ...]:
+    """What has to be said of camera files and is not: a line for each, as far as the first file tells."""
+    _sane(facts)
+    if facts.view == "points":
+        return ()
+    frames, last = next(_pieces(names[0], facts))
+    try:
+        _ask(names[0], frames, facts, last)
+    except BadInput as fault:
+        return fault.lines
+    return ()
+
+
 def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], folder: Path | None) -> Imported:
     seen: list[tuple[Path, timing.Stamps]] = []
     stack, notes, outside = Stack(folder), [], 0
@@ -100,7 +114,7 @@ def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], fold
         stamps: list[timing.Stamps] = []
         for frames, last in _pieces(path, facts):
             if first is not None:
-                _alike(first, (path, frames))
+                files.alike(*first, path, frames)
             else:
                 first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
                 _ask(path, frames, facts, last)
@@ -214,18 +228,6 @@ def _read(path: Path, facts: Facts) -> Iterator[Frames]:
     same = {k: getattr(facts, k) for k in names}
     planck = None if facts.planck is None else Planck(*facts.planck)
     return files.pieces(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)
-
-
-def _alike(first: tuple[Path, Frames], other: tuple[Path, Frames]) -> None:
-    """BadInput where a file is of another kind or size than the first."""
-    a, b = first[1], other[1]
-    if a.format != b.format:
-        raise BadInput(f"{other[0]}: {b.format}, but {first[0].name} is {a.format}; give files of one kind at once")
-    if a.shape != b.shape:
-        raise BadInput(
-            f"{other[0]}: {b.shape[1]} x {b.shape[0]} pixels, but {first[0].name} has {a.shape[1]} x {a.shape[0]};"
-            " give files of one size at once"
-        )
 
 
 def corrected(frames: Frames, facts: Facts) -> tuple[np.ndarray, list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +16,20 @@ from flashtemp.camera.points import KEYS, Places
 from flashtemp.camera.raw_frames import celsius, linear
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput, nearest
+from flashtemp.model import units
 from flashtemp.physics import bounded_reading
 
 OF_POINTS = {
     "view", "places", "start", "zero", "fps", "repetition", "starts", "case", "block", "every", "unit", "scale",
     "offset", "decimal", "limit", "netd",
 }  # fmt: skip
+STAMP = re.compile(
+    r"""^[ "]*(?P<day>\d{4}-\d\d-\d\d|\d\d\.\d\d\.\d{4})(?P<apart>[T_ ]|"?[;\t,]"?)"""
+    r"""(?P<clock>\d\d:\d\d:\d\d(?:[.,]\d{1,9})?)"?""",
+    re.MULTILINE,
+)
+IN = {"x": "m", "y": "m", "z": "m", "lag_s": "s", "place_sigma_m": "m"}  # units of places
+SECONDS = 12  # digits that a moment in microseconds has more than
 COLUMNS = ("column", "name", *KEYS)
 ASK = f"--places FILE.csv with a line of names among {','.join(COLUMNS)} and a line per thermocouple (m, s)"
 
@@ -63,7 +72,10 @@ def recorded(names: list[Path], facts: Facts) -> tuple[Recording, tuple[str, ...
 
 def _read(path: Path, wired: Wired, facts: Facts) -> tuple[dict[str, np.ndarray], np.ndarray, tuple[str, ...]]:
     """What the first column says of time (rows,), temperatures (rows, points) degC, and notes."""
-    told = text.decoded(bounded_reading.raw(path, "table"))
+    data = bounded_reading.raw(path, "table")
+    if not data.strip():
+        raise BadInput("nothing in it; give a logger's table with a line per reading")
+    told, stamped = _stamped(text.decoded(data))
     rows, separator, comma = text.table(told, facts.decimal)
     rows = rows[:: facts.every or 1]
     if (most := max(wired.columns)) > len(rows[0]):
@@ -80,9 +92,8 @@ def _read(path: Path, wired: Wired, facts: Facts) -> tuple[dict[str, np.ndarray]
     notes = (f"{len(rows)} readings, {text.SEPARATORS[separator]} between the values", *([note] if note else []))
     if 1 in wired.columns or facts.fps is not None:
         return {}, T, notes
-    clock = [cells.moment(row[0]) for row in rows]
-    if clock[0] is not None and None not in clock:
-        return {"clock": np.array(clock, float)}, T, notes
+    if stamped and all(len(row[0]) > SECONDS and row[0].isdecimal() for row in rows):
+        return {"clock": np.array([1e-6 * int(row[0]) for row in rows])}, T, notes
     time = cells.parsed([row[:1] for row in rows], separator, comma)[:, 0]
     if not np.isfinite(time).all():
         k = int(np.argmin(np.isfinite(time)))
@@ -90,10 +101,28 @@ def _read(path: Path, wired: Wired, facts: Facts) -> tuple[dict[str, np.ndarray]
     return {"time": time}, T, notes
 
 
+def _stamped(told: str) -> tuple[str, int]:
+    """A table whose dates and times, in one cell or in two, are whole microseconds since 1970, and their number."""
+
+    def whole(found: re.Match[str]) -> str:
+        line = told[found.start() : told.find("\n", found.end()) + 1 or None]
+        day, clock, apart, rest = found["day"], found["clock"], found["apart"], ""
+        if "," in clock and not re.search("[;\t]", line):  # there a comma stands between cells
+            clock, comma, digits = clock.partition(",")
+            rest = comma + digits
+        seconds = cells.moment(f"{'-'.join(reversed(day.split('.')))} {clock}")
+        if seconds is None:
+            return found[0]
+        return f"{1e6 * seconds:.0f}{'' if apart in 'T_ ' else apart + '0'}{rest}"
+
+    return STAMP.subn(whole, told)
+
+
 def _wired(file: Path) -> Wired:
     """Thermocouples of a CSV file with a line of names; columns count on from 2 where they are not given."""
     where = f"places: {file}"
-    lines = bounded_reading.lines(text.decoded(bounded_reading.raw(file, where)), where)
+    data = bounded_reading.raw(file, where)
+    lines = bounded_reading.lines(text.decoded(data), where) if data.strip() else []
     filled = (line for line in lines if line.strip() and not line.strip().startswith("#"))
     table = [[c.strip() for c in row] for row in csv.reader(filled)]
     if not table:
@@ -119,6 +148,11 @@ def _wired(file: Path) -> Wired:
 
 def _number(where: str, row: int, key: str, cell: str) -> float:
     value = bounded_reading.number(cell)
+    if value is None and key in IN and units.meant(cell):
+        try:
+            value = units.plain(cell, IN[key])
+        except BadInput as fault:
+            raise BadInput(f"{where}: thermocouple {row}: {key}: {fault}") from fault
     if value is None or not np.isfinite(value):
         raise BadInput(f"{where}: thermocouple {row}: {key}: {cell!r}; give a number")
     return value

@@ -29,7 +29,7 @@ class Look(Shown):
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
     where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
     `counts` of values between `edges` degC; `outside` the camera's range, their number; `dead`
-    (rows, columns) pixels without a value in any of several frames.
+    (rows, columns) pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC.
     """
 
     files: tuple[Path, ...]
@@ -48,6 +48,7 @@ class Look(Shown):
     outside: int
     dead: np.ndarray
     notes: tuple[str, ...]
+    difference: bool = False
     picture: Path | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,17 +74,18 @@ class Look(Shown):
 
     def rows_of(self) -> list[tuple[str, str]]:
         """What is known, in words."""
-        rows, columns = self.images.shape[1:]
+        (rows, columns), (low, high) = self.images.shape[1:], self.span
+        unit = "K" if self.difference else "degC"
         begins, lasts = self._begins(), self._lasts()
         when = [f"begins {begins} on the camera's clock"] if begins else []
         when += [f"lasts {lasts:.6g} s"] if lasts else []
-        when += [f"{self.fps:.4g} frames per second"] if self.fps else []
+        when += [f"a camera of {self.fps:.4g} frames per second"] if self.fps else []
         object_ = ", ".join(f"{k.replace('_', ' ')} {v:g}" for k, v in self.said.items())
         return [
             ("kind", ", ".join(t for t in (self.format, self.camera) if t)),
             ("images", f"{len(self.mean)} of {columns} x {rows} pixels"),
             ("time", ", ".join(when) or "not in the file: --fps and --start, or --times"),
-            ("temperature", f"{self.span[0]:.2f} to {self.span[1]:.2f} degC"),
+            ("difference" if self.difference else "temperature", f"{low:.2f} to {high:.2f} {unit}"),
             ("computed with", object_ or "not in the file"),
             (
                 "pixels left out",
@@ -120,8 +122,8 @@ def looked(
         for frames in pieces(path, facts):
             if first is None:
                 first = frames
-            elif frames.shape != first.shape:
-                raise BadInput(f"{path}: {frames.shape[::-1]} pixels, {names[0].name} has {first.shape[::-1]}")
+            else:
+                files.alike(names[0], first, path, frames)
             T = frames.temperature
             known = np.isfinite(T)
             means.append(np.where(known.any(axis=(1, 2)), _mean(T, known), np.nan))
@@ -141,10 +143,11 @@ def looked(
     if first is None or dead is None:
         raise BadInput("no camera files; give files or a folder of them")
     shown, images = kept.chosen()
-    counts, edges = counted.over(low, high)
+    counts, edges = counted.over()
     return Look(
         tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _all(clocks), _all(times),
         first.fps, dict(first.said), (low, high), counts, edges, outside, dead & (number > 1), tuple(notes),
+        first.difference,
     )  # fmt: skip
 
 
@@ -187,22 +190,28 @@ class _Kept:
 
 
 class _Histogram:
-    """Counts of tenths of a degree, made coarser at the end."""
+    """Counts of hundredths of a degree, made coarser at the end."""
 
-    STEP = 0.1  # K
+    STEP = 0.01  # K
+    COARSER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # steps of a bin: round numbers of files are even
 
     def __init__(self) -> None:
-        self.found: dict[int, int] = {}
+        self.first, self.found = 0, np.zeros(0, int)
 
     def add(self, values: np.ndarray) -> None:
         """Count values, degC."""
-        numbers, many = np.unique(np.floor(values / self.STEP).astype(int), return_counts=True)
-        for k, n in zip(numbers.tolist(), many.tolist(), strict=True):
-            self.found[k] = self.found.get(k, 0) + n
+        numbers = np.floor(values / self.STEP + 1e-6).astype(int)
+        first, last = int(numbers.min()), int(numbers.max())
+        if self.found.size:
+            first, last = min(first, self.first), max(last, self.first + self.found.size - 1)
+        counts = np.bincount((numbers - first).ravel(), minlength=last - first + 1)
+        counts[self.first - first :][: self.found.size] += self.found
+        self.first, self.found = first, counts
 
-    def over(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    def over(self) -> tuple[np.ndarray, np.ndarray]:
         """Counts (bins,) and edges (bins + 1,) degC."""
-        middle = np.clip(self.STEP * (np.array(list(self.found)) + 0.5), low, high)
-        bins = min(BINS, max(1, int((high - low) / self.STEP)))
-        counts, edges = np.histogram(middle, bins, (low, max(high, low + self.STEP)), weights=list(self.found.values()))
-        return counts.astype(int), edges
+        coarse = next((c for c in self.COARSER if self.found.size <= BINS * c), self.COARSER[-1])
+        before = self.first % coarse
+        after = -(before + self.found.size) % coarse
+        counts = np.pad(self.found, (before, after)).reshape(-1, coarse).sum(axis=1)
+        return counts, self.STEP * (self.first - before + coarse * np.arange(len(counts) + 1))

@@ -10,6 +10,7 @@ from flashtemp.camera import files, geometry
 from flashtemp.camera.import_options import Facts
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.errors import BadInput
+from flashtemp.showing import several
 
 
 def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -22,7 +23,7 @@ def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, lis
     if facts.dead_pixels != "keep" and frames.u is None and min(frames.shape) > 2:
         dead = geometry.dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
         if dead.any():
-            notes.append(f"{dead.sum()} dead pixels found and masked (--dead-pixels keep leaves them)")
+            notes.append(f"{several(int(dead.sum()), 'dead pixel')} found and masked (--dead-pixels keep leaves them)")
         mask |= dead
     return mask, notes
 

@@ -35,7 +35,8 @@ def parts(images: np.ndarray, step: int | None = None) -> Iterator[tuple[int, np
     step = step or max(1, PART // max(1, images[0].size))
     for begin in range(0, len(images), step):
         yield begin, images[begin : begin + step]
-        if (mapped := getattr(images, "_mmap", None)) is not None:
+        mapped = getattr(images, "_mmap", None)
+        if mapped is not None and hasattr(mapped, "madvise"):  # Windows has none
             mapped.madvise(mmap.MADV_DONTNEED)
 
 
@@ -77,7 +78,8 @@ def matrix(values: np.ndarray, stated: tuple[int | None, int | None], rows_said:
     rows, columns = values.shape
     if columns < FEWEST or rows > LONGEST * columns or max(rows, columns) > MOST_SIDE:
         raise BadInput(
-            f"{rows} rows of {columns} numbers: a table, no image; give a text file with one row of the image per line"
+            f"{rows} rows of {columns} numbers: a table, no image; give a text file with one row of the image per line,"
+            " or --view points with a logger's table"
         )
     steps = np.diff(values[:, :2], axis=0)
     if rows >= FEWEST and steps[0, 0] != 0 and np.ptp(steps[:, 0]) <= 1e-6 * abs(steps[0, 0]) < np.ptp(steps[:, 1]):

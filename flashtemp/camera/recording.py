@@ -14,7 +14,7 @@ from flashtemp.camera.points import KEYS, Places, of_arrays
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_hdf5
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.showing import Sheet, Shown, whole_file
+from flashtemp.showing import Sheet, Shown, several, whole_file
 
 VIEWS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
@@ -205,7 +205,7 @@ class Recording(Shown):
         size = f"{len(self.u)} points" if self.places is not None else f"{size} of {pitch}"
         lost = 100 * (1 - known / self.temperature.size)
         return (
-            f"Recording '{self.view}' of {self.frames} frames, {size}\n"
+            f"Recording '{self.view}' of {several(self.frames, 'frame')}, {size}\n"
             f"  time {self.time[0]:g} to {self.time[-1]:g} s, repetitions {self.repetition.min()} to"
             f" {self.repetition.max()}\n"
             f"  {low:.2f} to {high:.2f} degC, {lost:.2g} % of the values missing"

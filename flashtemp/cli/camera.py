@@ -38,6 +38,8 @@ def import_(
         Replace a file that exists.
     """
     from flashtemp.api import camera
+    from flashtemp.camera.import_request import found
+    from flashtemp.camera.importing import missing
 
     if template:
         print(camera.recording_template())
@@ -49,7 +51,7 @@ def import_(
         emit(seen.as_dict(), json, str(seen))
         return DONE
     if asked.out is None:
-        raise BadInput("out: missing; give --out RECORDING.nc")
+        raise BadInput("out: missing; give --out RECORDING.nc", *missing(found(asked.files), asked.facts))
     result = camera.import_recording(asked, overwrite=overwrite, say=tell)
     for note in result.notes:
         tell(note)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from cyclopts import App, CycloptsError
 
-from flashtemp.camera.import_options import in_plain_numbers
+from flashtemp.camera import import_options
 from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
+from flashtemp.model import units
 
-__all__ = ["COMMANDS", "CycloptsError", "app", "plain"]
+__all__ = ["COMMANDS", "NAMES", "CycloptsError", "app", "plain"]
 
 app = App(
     name="flashtemp",
@@ -25,13 +27,24 @@ COMMANDS: tuple[Any, ...] = (  # in the order of use
     studies.repetitions, studies.wait, effects.effects,
     friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre,
 )  # fmt: skip
-for _number, _command in enumerate(COMMANDS):
-    app.command(_command, name=_command.__name__.rstrip("_"), sort_key=_number)
+UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
+    "import": import_options.UNITS,
+    "view": {"time": "s"},
+    "wait": {"below": "degC"},
+    "repetitions": {"distance": "m"},
+    "friction": {"slowest": "m/s", "fastest": "m/s"},
+    "spots": dict.fromkeys(("cutoff", "length", "width", "pixel", "rms", "rolloff"), "m")
+    | {"pressure": "Pa", "modulus": "Pa"},
+    "spectrum": {"highpass": "m", "pixel": "m"},
+}
+NAMES = tuple(command.__name__.rstrip("_") for command in COMMANDS)
+for _number, (_name, _command) in enumerate(zip(NAMES, COMMANDS, strict=True)):
+    app.command(_command, name=_name, sort_key=_number)
 
 
 def plain(words: list[str]) -> list[str]:
     """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
-    return in_plain_numbers(words) if words[:1] == ["import"] else words
+    return words[:1] + units.of_options(words[1:], UNITS.get(words[0], {})) if words else words
 
 
 app.register_install_completion_command(sort_key=len(COMMANDS))

@@ -14,7 +14,10 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from flashtemp.runs.processes import ENDS
+
 SOON = 0.02  # s until a signal that has to wait is looked at again
+ALARM = getattr(signal, "SIGALRM", None)  # Windows has none
 
 
 class Interrupts:
@@ -27,7 +30,7 @@ class Interrupts:
         """Raise KeyboardInterrupt, or wait while a module is being loaded."""
         self.seen, self.waiting = True, signal.Signals(number)
         if _loading(frame):
-            signal.setitimer(signal.ITIMER_REAL, SOON)
+            self._later()
         else:
             raise KeyboardInterrupt
 
@@ -35,10 +38,16 @@ class Interrupts:
         """A signal that had to wait, for whoever answers Ctrl-C by now."""
         signal.raise_signal(self.waiting)
 
+    def _later(self) -> None:
+        if ALARM is not None:
+            signal.setitimer(signal.ITIMER_REAL, SOON)
+        else:
+            threading.Timer(SOON, signal.raise_signal, (self.waiting,)).start()
+
     def dropped(self, what: Any) -> None:
         """An exception that Python could not raise; Ctrl-C among them comes again."""
         if what.exc_type is KeyboardInterrupt:
-            signal.setitimer(signal.ITIMER_REAL, SOON)
+            self._later()
         else:
             sys.__unraisablehook__(what)
 
@@ -53,7 +62,7 @@ def _loading(frame: FrameType | None) -> bool:
 
 @contextmanager
 def interruptible(last: bool = False) -> Iterator[Interrupts]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards.
+    """Ctrl-C and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards.
 
     After the `last` that a process does they are let pass: its exit code is known, and Python ends within moments.
     """
@@ -61,13 +70,14 @@ def interruptible(last: bool = False) -> Iterator[Interrupts]:
     if threading.current_thread() is not threading.main_thread():
         yield state
         return
-    mine = {signal.SIGINT: state.handle, signal.SIGTERM: state.handle, signal.SIGALRM: state.again}
+    mine = dict.fromkeys(ENDS, state.handle) | ({} if ALARM is None else {ALARM: state.again})
     old = {s: signal.signal(s, h) for s, h in mine.items() if signal.getsignal(s) is not signal.SIG_IGN}
     hook, sys.unraisablehook = sys.unraisablehook, state.dropped
     try:
         yield state
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        if ALARM is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = hook
         for s, handler in old.items():
-            signal.signal(s, signal.SIG_IGN if last and s != signal.SIGALRM else handler)
+            signal.signal(s, signal.SIG_IGN if last and s != ALARM else handler)

@@ -25,6 +25,9 @@ def lab(
     """
     from flashtemp.lab.server import serve
 
-    tell("Ctrl-C ends it; whatever runs then leaves what it has")
-    serve(folder, browser, lambda address: print(address, flush=True))
+    def told(address: str) -> None:
+        tell("Ctrl-C ends it; whatever runs then leaves what it has")
+        print(address, flush=True)
+
+    serve(folder, browser, told)
     return DONE

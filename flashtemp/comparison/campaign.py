@@ -14,7 +14,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.means import Means
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
-from flashtemp.model import case_file
+from flashtemp.model import case_file, kinds
 from flashtemp.physics.interpolation import pairs
 from flashtemp.showing import Sheet, Shown
 
@@ -22,7 +22,6 @@ NETD = 0.05  # K, of a camera that is imagined
 READ = 40  # times that imagined thermocouples are read per repetition
 MOST = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
-CASE = {"effects", "block", "road", "contact", "friction", "schedule", "ambient", "numerics", "output"}  # of a case
 ENTRY = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
     "force": {"file", "with", "sigma", "held_out"},
@@ -146,10 +145,9 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(f"{path}: no such campaign; give a folder with a campaign.toml or a .toml file")
+        raise BadInput(case_file.absent(path, kinds.CAMPAIGN))
     text, raw = case_file.read_toml(file)
-    if not {*ENTRY, "case"} & raw.keys() and CASE & raw.keys():
-        raise BadInput(f'{file}: this is a case, not a campaign; give a campaign.toml with case = "{file.name}"')
+    kinds.expect(kinds.CAMPAIGN, raw, file, file.name)
     reader = _Reader(case_file.Places(str(file), text), file.parent, planned, limit)
     for key in raw.keys() - TOP:
         reader.fault(key, f"unknown key{nearest(key, sorted(TOP))}")

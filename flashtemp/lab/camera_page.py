@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from flashtemp.lab.images import Opened, opened
 from flashtemp.lab.jobs import shown
 from flashtemp.lab.marked_image import MarkedImage
 from flashtemp.lab.marks import onsets
-from flashtemp.lab.shared import command_line, file_address, link, told, when_it_fails
+from flashtemp.lab.shared import command_line, file_address, link, named, told, when_it_fails
 
 SAID = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
 VIEWS = ("sidewall", "wake", "profile")
@@ -51,7 +52,7 @@ class CameraPage:
             waiting = ui.spinner(size="lg")
         await ui.context.client.connected()
         seen: Opened | None = None
-        with body, when_it_fails():
+        with body, when_it_fails(self.folder):
             if template:
                 names, _, self.inherited = load(inside(self.folder, template))
                 self.names = [name] if name else [str(Path(template).parent / n) for n in names]
@@ -67,7 +68,7 @@ class CameraPage:
 
     def _choices(self, name: str) -> list[str]:
         seen = listing(self.folder)
-        names = [*map(str, seen.image_folders), *map(str, seen.images), *map(str, seen.recordings)]
+        names = [*map(str, seen.series), *map(str, seen.images), *map(str, seen.recordings)]
         return list(dict.fromkeys([*([name] if name else []), *names]))
 
     def _like(self, name: str) -> None:
@@ -114,9 +115,10 @@ class CameraPage:
             }, on_point_click=lambda e: self._start_clicked(float(e.data[0]))).classes("grow h-52 min-w-0")  # fmt: skip
             middle = 0.5 * (look.edges[1:] + look.edges[:-1])
             ui.echart({
-                "animation": False, "grid": {"top": 28, "bottom": 36},
+                "animation": False, "grid": {"top": 44, "bottom": 36},
                 "title": {"text": "values by temperature (°C)", "textStyle": title},
-                "xAxis": {"type": "value", "scale": True}, "yAxis": {"type": "log"},
+                "xAxis": {"type": "value", "scale": True},
+                "yAxis": {"type": "log", "axisLabel": {":formatter": "v => v < 1000 ? v : '1e' + Math.log10(v)"}},
                 "series": [{"type": "line", "step": "middle", "showSymbol": False, "areaStyle": {},
                             "data": [p for p in _pairs(middle, look.counts) if p[1] > 0]}],
             }).classes("w-80 h-52")  # fmt: skip
@@ -145,7 +147,8 @@ class CameraPage:
 
     def _free(self) -> str:
         name = Path(self.names[0])
-        return free_name(self.folder, f"{name.stem if name.suffix else name.name or 'recording'}.nc")
+        stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.")
+        return free_name(self.folder, f"{stem or 'recording'}.nc")
 
     def _find_starts(self) -> None:
         self.starts = [round(t, 4) for t in onsets(self._time(), self.seen.mean)]
@@ -219,15 +222,21 @@ class CameraPage:
             try:
                 result = await run.io_bound(self._imported)
             except (FlashtempError, OSError) as fault:
-                told(str(fault).replace(f"{self.folder}/", ""))
+                told(str(fault), self.folder)
+                self._bring()
                 return
             if result is None:  # the server ends
                 return
-            ui.label(str(result)).classes("whitespace-pre-wrap font-mono text-sm")
+            ui.label(named(str(result), self.folder)).classes("whitespace-pre-wrap font-mono text-sm")
             for note in result.notes:
-                ui.label(note).classes("text-xs")
+                ui.label(named(note, self.folder)).classes("text-xs")
             if result.picture is not None:
                 ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
+        self._bring()
+
+    def _bring(self) -> None:
+        """What is told of a save stands below all else: bring it before the eye."""
+        ui.run_javascript(f"getHtmlElement({self.report.id}).scrollIntoView({{block: 'nearest'}})")
 
     def _imported(self) -> Imported:
         out = inside(self.folder, self.out.value)

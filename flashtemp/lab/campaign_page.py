@@ -28,8 +28,8 @@ class CampaignPage:
     def show(self, name: str) -> None:
         """The page for a file of the folder, or for a new campaign."""
         with when_it_fails():
-            text = inside(self.folder, name).read_text(encoding="utf-8") if name else BEGIN
             self.found = listing(self.folder)
+            text = inside(self.folder, name).read_text(encoding="utf-8") if name else self._begin()
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
                 ui.button("Save", on_click=self._save)
@@ -38,12 +38,25 @@ class CampaignPage:
             self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
             with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
                 with ui.column().classes("w-full lg:w-1/2"):
-                    self._controls()
+                    self._controls(text)
                 self.text = ui.codemirror(text, language="TOML").classes("w-full lg:w-1/2 h-96")
 
-    def _controls(self) -> None:
+    def _begin(self) -> str:
+        """A new campaign, of the only case there is where it is one."""
+        cases = [p.as_posix() for p in self.found.cases]
+        return BEGIN if "case.toml" in cases or not cases else BEGIN.replace("case.toml", cases[0])
+
+    def _controls(self, text: str) -> None:
         cases = [str(p) for p in self.found.cases]
-        ui.select(cases, label="case that is believed", on_change=lambda e: self._set("case", self._beside(e.value)))
+        try:
+            named = (self.folder / self.name.value).parent / str(tomllib.loads(text).get("case", ""))
+        except (ValueError, RecursionError):
+            named = Path()
+        now = next((c for c in cases if (self.folder / c).resolve() == named.resolve()), None)
+        ui.select(
+            cases, value=now, label="case that is believed",
+            on_change=lambda e: self._set("case", self._beside(e.value)),
+        ).classes("w-full")  # fmt: skip
         self.free = ui.input("free keys, with commas between", value="friction.mu").classes("w-full")
         self.free.on("change", lambda: self._set("free", [k.strip() for k in self.free.value.split(",") if k.strip()]))
         ui.label("Add a recording").classes("text-lg font-medium")
@@ -82,7 +95,7 @@ class CampaignPage:
                 saved(self.folder, self.name.value, self.text.value or "")
                 open_campaign(inside(self.folder, self.name.value), planned=True)
             except (FlashtempError, OSError) as fault:
-                told(str(fault).replace(f"{self.folder}/", ""))
+                told(str(fault), self.folder)
                 return False
         return True
 

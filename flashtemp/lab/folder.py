@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.model.schema import TABLES
+from flashtemp.model import kinds
 from flashtemp.runs import folders
 
 DEEP, MOST = 4, 5000  # folders in folders, and files, that are looked at
@@ -36,11 +38,20 @@ class Listing:
     begun: dict[Path, folders.Owner] = field(default_factory=dict)
 
     @property
-    def image_folders(self) -> dict[Path, int]:
-        """Folders with camera files, and how many each holds."""
-        out: dict[Path, int] = {}
+    def series(self) -> dict[str, int]:
+        """Camera files that belong together, as `import` takes them, and how many they are.
+
+        A folder whose names differ in numbers alone is one series; of any other every such series is a pattern.
+        """
+        folders: dict[Path, dict[str, list[Path]]] = {}
         for path in self.images:
-            out[path.parent] = out.get(path.parent, 0) + 1
+            parts = re.split(r"\d+", path.name)
+            folders.setdefault(path.parent, {}).setdefault("*".join(map(glob.escape, parts)), []).append(path)
+        out: dict[str, int] = {}
+        for folder, patterns in folders.items():
+            for pattern, paths in patterns.items():
+                alone = paths[0] if len(paths) == 1 else folder / pattern
+                out[str(folder if len(patterns) == 1 else alone)] = len(paths)
         return out
 
 
@@ -79,7 +90,9 @@ def _sort(out: Listing, folder: Path, path: Path) -> None:
     """Put one file where it belongs."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        kind = {"case": out.cases, "campaign": out.campaigns, "recording": out.templates}.get(kind_of(folder / path))
+        kind = {kinds.CASE: out.cases, kinds.CAMPAIGN: out.campaigns, kinds.TEMPLATE: out.templates}.get(
+            kind_of(folder / path)
+        )
         if kind is not None:
             kind.append(path)
     elif suffix == ".nc":
@@ -90,15 +103,11 @@ def _sort(out: Listing, folder: Path, path: Path) -> None:
 
 def kind_of(file: Path) -> str:
     """Whether a TOML file is a case, a campaign or a recording template; "" for any other."""
+    named = "case" if file.name == "case.toml" else ""
     try:
-        raw = tomllib.loads(file.read_text(encoding="utf-8"))
+        return kinds.kind(tomllib.loads(file.read_text(encoding="utf-8"))) or named
     except (OSError, ValueError, RecursionError):
-        return "case" if file.name == "case.toml" else ""
-    if "recording" in raw or "force" in raw:
-        return "campaign"
-    if "files" in raw:
-        return "recording"
-    return "case" if file.name == "case.toml" or {"effects", "free", *TABLES} & set(raw) else ""
+        return named
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from flashtemp.runs.processes import interrupt
 
 LOGS = ".flashtemp-lab"  # folder of the logs
 PACE = "0.5"  # s between lines of progress
@@ -62,7 +63,7 @@ class Job:
         """Interrupt it as Ctrl-C does: it leaves what it has."""
         if self.code is None:
             with suppress(ProcessLookupError):
-                os.kill(self.process.pid, signal.SIGINT)
+                interrupt(self.process.pid)
 
 
 class Jobs:
@@ -82,6 +83,7 @@ class Jobs:
             process = subprocess.Popen(
                 [sys.executable, "-m", "flashtemp", *words], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out,
                 stderr=subprocess.STDOUT, env=os.environ | {"FLASHTEMP_PROGRESS": PACE}, start_new_session=True,
+                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
         job = Job(tuple(words), log, process)
         self.all.insert(0, job)

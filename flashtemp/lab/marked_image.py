@@ -93,8 +93,10 @@ class MarkedImage:
         """The frame as it is chosen, with marks and outline on it."""
         k, low, high = int(self.frame.value), *self._colours()
         self.image.set_source(self.opened.picture(k, low, high))
-        unit = "s after the first" if self.opened.timed else "frames after the first"
-        self.when.text = f"{k}: {self.opened.time[k]:.4g} {unit}"
+        count = len(self.opened.time)
+        self.when.text = (
+            f"{k}: {self.opened.time[k]:.4g} s after the first" if self.opened.timed else f"{k} of 0 to {count - 1}"
+        )
         self.range.text = f"{low:.2f} to {high:.2f} °C"
         self._overlay()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +62,12 @@ def application(folder: Path) -> tuple[Any, Jobs]:
 def _files(folder: Path) -> None:
     """What lies in the folder, each with what can be done with it."""
     found = listing(folder)
-    some = found.image_folders.items()
+    some = found.series.items()
 
     def judged(campaign: Path) -> list[tuple[str, str]]:
         return [(c, _work(c, campaign)) for c in ("compare", "discover", "plan")]
 
-    groups = {
+    groups: dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]] = {
         "Cases": [(p, [("open", link("case", open=p)), ("run", _work("run", p))]) for p in found.cases],
         "Camera files": [(p, [(f"look at {n} file{'s' if n > 1 else ''}", link("camera", open=p))]) for p, n in some],
         "Recording templates": [(p, [("open", link("camera", template=p))]) for p in found.templates],
@@ -91,7 +92,7 @@ def _work(command: str, of: Path) -> str:
     return link("work", command=command, of=of.parent if of.name in STANDARD and of.parent != Path() else of)
 
 
-def _group(title: str, rows: list[tuple[Path, list[tuple[str, str]]]]) -> None:
+def _group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:
     with ui.card().classes("min-w-72 max-w-full"):
         ui.label(title).classes("text-lg font-medium")
         for path, ways in rows[:NAMES]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,7 +43,7 @@ def link(page: str, **asked: Any) -> str:
 
 def file_address(path: Path) -> str:
     """The address of a file in the folder, by its path there."""
-    return f"{FILES}/{quote(str(path))}"
+    return f"{FILES}/{quote(path.as_posix())}"
 
 
 def command_line(words: str) -> None:
@@ -62,16 +63,21 @@ def saved(folder: Path, name: str, text: str) -> Path:
 
 
 @contextmanager
-def when_it_fails() -> Iterator[None]:
-    """What is wrong with a file or a key is told where it was asked for."""
+def when_it_fails(folder: Path | None = None) -> Iterator[None]:
+    """What is wrong with a file or a key is told where it was asked for, files by their names in the `folder`."""
     try:
         yield
     except (FlashtempError, OSError) as fault:
-        told(str(fault))
+        told(str(fault), folder)
 
 
-def told(text: str) -> None:
+def named(text: str, folder: Path | None) -> str:
+    """A text in which files of the folder go by their names there."""
+    return text if folder is None else text.replace(f"{folder}{os.sep}", "")
+
+
+def told(text: str, folder: Path | None = None) -> None:
     """A fault in words."""
     with ui.column().classes("w-full bg-red-50 border-l-4 border-red-700 px-3 py-2 gap-0").props("role=alert"):
-        for line in text.splitlines():
+        for line in named(text, folder).splitlines():
             ui.label(line).classes("text-red-900 break-all")

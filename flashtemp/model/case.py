@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.model import build, case_file, numerics, schema
+from flashtemp.model import build, case_file, kinds, numerics, schema
 from flashtemp.model.case_file import Places, Reader
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
@@ -166,8 +166,9 @@ def load(
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(f"{path}: no such case; give a folder with a case.toml or a .toml file")
+        raise BadInput(case_file.absent(path, kinds.CASE))
     text, raw = case_file.read_toml(file)
+    kinds.expect(kinds.CASE, raw, file, file.name)
     given = case_file.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem

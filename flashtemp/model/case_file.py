@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,18 @@ Table = dict[str, Any]
 Known = Mapping[str, type[Effect]]
 UNREADABLE = (ValueError, RecursionError)  # what tomllib raises: also numbers and brackets beyond its limits
 LISTS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
+
+
+def _whole(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
+    """What would be right instead of an unknown key that stands in no table; keys whose table was left out first."""
+    top, inside = [*tables, "title", "effects", "free"], dict[str, list[str]]()
+    for table, keys in tables.items():
+        for name in keys:
+            inside.setdefault(name, []).append(f"'{table}.{name}'")
+    match = [key] if key in inside else get_close_matches(key, [*top, *inside], 1, 0.5)
+    if match and match[0] not in top:
+        return f"; did you mean {' or '.join(inside[match[0]][:3])}?"
+    return nearest(key, top)
 
 
 @dataclass(frozen=True)
@@ -61,8 +74,19 @@ def read_toml(file: Path) -> tuple[str, Table]:
         return text, tomllib.loads(text)
     except OSError as fault:
         raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
+    except UnicodeDecodeError as fault:
+        raise BadInput(f"{file}: no text in UTF-8, so no TOML; give a .toml file") from fault
     except UNREADABLE as fault:
         raise BadInput(f"{file}: not valid TOML: {_said(fault)}; repair that place") from fault
+
+
+def absent(path: Path, kind: str) -> str:
+    """That there is no case or no campaign, and what is there instead."""
+    wanted = f"{kind}.toml"
+    there = "in it" if path.is_dir() else ""
+    other = next((n for n in ("case.toml", "campaign.toml") if there and n != wanted and (path / n).is_file()), "")
+    what = f"no {wanted} in it" + (f", but {other}" if other else "") if there else f"no such {kind}"
+    return f"{path}: {what}; give a folder with a {wanted} or a .toml file"
 
 
 def _said(fault: Exception) -> str:
@@ -167,7 +191,7 @@ class Reader:
             if table in self.known and not self.known[table].base:
                 self.fault(table, f'table of an effect that is not listed; add "{table}" to effects')
             else:
-                self.fault(table, f"unknown key{nearest(table, [*tables, 'title', 'effects', 'free'])}")
+                self.fault(table, f"unknown key{_whole(table, tables)}")
         return {t: self._table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
 
     def _tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:

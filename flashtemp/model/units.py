@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -23,10 +24,12 @@ ABSOLUTE = ("degC",)  # units in which zero is a place, not nothing
 def meant(value: Any) -> bool:
     """Whether a value is a text that may be a number with its unit.
 
-    >>> meant("25 mm"), meant("0.3MPa"), meant("speed.csv"), meant("2.csv"), meant(0.3), meant("inf")
-    (True, True, False, False, False, False)
+    >>> meant("25 mm"), meant("0.3MPa"), meant("speed.csv"), meant("2.csv"), meant(0.3), meant("1e-3"), meant("inf")
+    (True, True, False, False, False, False, False)
     """
-    return isinstance(value, str) and QUANTITY.fullmatch(value) is not None and not FILE.fullmatch(value)
+    if not isinstance(value, str) or re.fullmatch(NUMBER, value) or FILE.fullmatch(value):
+        return False
+    return QUANTITY.fullmatch(value) is not None
 
 
 def plain(value: str, unit: str, difference: bool = False) -> float:
@@ -70,3 +73,23 @@ def _pint() -> Any:
     import pint
 
     return pint, pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def of_options(words: list[str], declared: Mapping[str, str]) -> list[str]:
+    """Words of a command line with the numbers of options, whose units are `declared`, as plain ones.  Raises BadInput.
+
+    >>> of_options(["--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"], {"block": "mm", "air": "degC"})
+    ['--block', '25.0', '7', '--start=-20ms', '--was.air', '20.0']
+    """
+    out, option = [], ""
+    for word in words:
+        name, given, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        option = name[2:].replace("-", "_") or option
+        unit = declared.get(option.split(".")[-1])
+        if unit is not None and meant(value):
+            try:
+                value = repr(plain(value, unit))
+            except BadInput as fault:
+                raise BadInput(f"{option}: {fault}") from fault
+        out.append(name + given + value)
+    return out

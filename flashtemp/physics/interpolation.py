@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,7 @@ from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Array, Value
 
 Source = Any  # of a case: a CSV file's name, or rows
+COMMA = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
 
 
 def between(values: Array, at: Array, wanted: Array) -> Array:
@@ -117,6 +119,8 @@ def _read(source: Source, folder: Path, key: str) -> tuple[list[list[float]], li
         raise BadInput(f"{key}: {source!r}; give a CSV file name or a list of rows")
     path = folder / source
     if not path.is_file():
+        if COMMA.fullmatch(source):
+            raise BadInput(f"{key}: '{source}'; write the number with a point: {source.replace(',', '.')}")
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
     text = bounded_reading.raw(path, f"{key}: {source}")
     try:

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.runs.folders import sync
+from flashtemp.runs.processes import synced
 from flashtemp.solver.circular_track import COLUMNS
 from flashtemp.solver.field_store import Frames
 from flashtemp.solver.progress import Progress
@@ -85,11 +85,13 @@ def _write(work: Path, image: bytes) -> None:
     except OSError:
         fresh.unlink(missing_ok=True)
         raise
-    sync(work)
+    synced(work)
 
 
 def _keep_free(file: Path, size: int) -> None:
     """Take room on the disk, where it can be had, to give it up when there is no other."""
+    if not hasattr(os, "posix_fallocate"):  # macOS, Windows
+        return
     with suppress(OSError), file.open("ab") as held:
         if file.stat().st_size < size:
             os.posix_fallocate(held.fileno(), 0, size)

@@ -14,6 +14,7 @@ from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
 QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
+UNITS = ("K", "K", "K", "")
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,7 +39,7 @@ class Convergence(Shown):
 
     def __str__(self) -> str:
         rows = [
-            f"  {name:26s} {value:12.6g}   order {order:5.2f}   error: space {space:.2g}, time {time:.2g}"
+            f"  {name:28s} {value:12.6g}   order {order:>5s}   error: space {space:.2g}, time {time:.2g}"
             for name, value, order, space, time in self._rows()
         ]
         return "\n".join([self._cells(), *rows, f"  {self._profile()}"])
@@ -47,8 +48,10 @@ class Convergence(Shown):
         head = ("", "value", "order", "error of space", "error of time")
         return Sheet(self._cells(), self._rows(), head, [self._profile()])
 
-    def _rows(self) -> list[tuple[str, float, float, float, float]]:
-        return list(zip(QUANTITIES, self.values[1], self.order, self.space, self.time, strict=True))
+    def _rows(self) -> list[tuple[str, float, str, float, float]]:
+        names = [f"{name}, {unit}" if unit else name for name, unit in zip(QUANTITIES, UNITS, strict=True)]
+        orders = [f"{order:.2f}" if np.isfinite(order) else "-" for order in self.order]
+        return list(zip(names, self.values[1], orders, self.space, self.time, strict=True))
 
     def _cells(self) -> str:
         return f"{' / '.join(map(str, self.cells))} cells"

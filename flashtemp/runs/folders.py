@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
@@ -16,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput, Incomplete, Interrupted
+from flashtemp.runs.processes import ENDS, locked, synced
 from flashtemp.showing import UNFINISHED
 
 MARKER = ".flashtemp.json"  # in a working folder: whose it is; held locked while it is being written
@@ -126,27 +126,19 @@ def _new(out: Path, mine: Owner) -> tuple[Path, int]:
 
 def hold(work: Path) -> int:
     """Lock a working folder; close the number to let it go.  Raises BadInput where another run holds it."""
-    import fcntl
-
-    lock = os.open(work / MARKER, os.O_RDWR | os.O_CREAT, 0o666)
+    marker = work / MARKER
+    marker.touch()
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as fault:
-        if fault.errno in (errno.EWOULDBLOCK, errno.EACCES):  # else the file system knows no locks
-            os.close(lock)
-            raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
-    return lock
+        return locked(marker)
+    except BlockingIOError as fault:
+        raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
 
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[None]:
     """One run at a time makes or places folders here."""
-    import fcntl
-
-    lock = os.open(folder, os.O_RDONLY)
+    lock = locked(folder, wait=True)
     try:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(lock, fcntl.LOCK_EX)
         yield
     finally:
         os.close(lock)
@@ -187,7 +179,7 @@ def place(work: Path, out: Path, overwrite: bool = False, drop: tuple[str, ...] 
             raise
     for name in (*drop, MARKER):
         (out / name).unlink(missing_ok=True)
-    sync(out.parent)
+    synced(out.parent)
     if old is not None:
         shutil.rmtree(old, ignore_errors=True)
     return out
@@ -197,19 +189,7 @@ def settle(folder: Path) -> None:
     """Everything in a folder on disk, so that it outlasts a power cut."""
     for path in (*folder.rglob("*"), folder):
         if not path.is_symlink() and (path.is_file() or path.is_dir()):
-            sync(path)
-
-
-def sync(path: Path) -> None:
-    """One file or folder on disk; some file systems refuse it for folders."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    except OSError as fault:
-        if fault.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EROFS):
-            raise
-    finally:
-        os.close(file)
+            synced(path)
 
 
 @contextmanager
@@ -243,12 +223,12 @@ def wanted(out: Path | str | None) -> AbstractContextManager[Path | None]:
 
 @contextmanager
 def stoppable() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, so that work ends where it leaves something whole."""
+    """An event that Ctrl-C and SIGTERM set, so that work ends where it leaves something whole."""
     stopped = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stopped
         return
-    old = {s: signal.signal(s, lambda *_: stopped.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    old = {s: signal.signal(s, lambda *_: stopped.set()) for s in ENDS}
     try:
         yield stopped
     finally:

@@ -120,8 +120,11 @@ def interrupted(folder: Path) -> tuple[Path, Path]:
     if left:
         raise BadInput(f"--resume: {folder}: several runs wait: {', '.join(map(str, left))}; give one of them")
     places = ", ".join(map(str, partials(folder))) or known
-    what = "it is already whole" if (folder / "run.nc").exists() else f"no {CHECKPOINT} in {places}"
-    raise BadInput(f"--resume: {folder}: {what}; give the folder of an interrupted run")
+    if (folder / "run.nc").exists():
+        raise BadInput(
+            f"--resume: {folder}: it is already whole; missing pictures are drawn by flashtemp draw {folder}"
+        )
+    raise BadInput(f"--resume: {folder}: no {CHECKPOINT} in {places}; give the folder of an interrupted run")
 
 
 def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:

@@ -207,7 +207,7 @@ class Loads(Shown):
         """A CSV row per speed and pressure."""
         columns = {"case": self.every, "none": self.none, f"{HEATING}_other_contact_fraction": self.other}
         columns |= {f"only_{'_'.join(some)}": v for some, v in self.mu.items() if some and some != self.acting}
-        with Path(file).open("w", newline="") as out:
+        with Path(file).open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
             rows.writerow(["speed_m_s", "pressure_Pa", *(f"mu_{name}" for name in columns)])
             for i, v in enumerate(self.speed):

@@ -187,7 +187,8 @@ def write_pvd(run: Run, folder: Path) -> Path:
     path = folder / "fields.pvd"
     path.write_text(
         f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n{body}\n'
-        "  </Collection>\n</VTKFile>\n"
+        "  </Collection>\n</VTKFile>\n",
+        encoding="utf-8",
     )
     return path
 

@@ -121,6 +121,9 @@ def _deaf() -> Iterator[None]:
     """Processes that begin here never see Ctrl-C, not even while they load; this one sees it afterwards."""
     import signal
 
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -50,7 +50,7 @@ class Frames:
     def settle(self) -> None:
         """The rows of a file on disk, so that they outlast a power cut."""
         if self.path is not None and self.path.exists():
-            with self.path.open("rb") as file:
+            with self.path.open("r+b") as file:
                 os.fsync(file.fileno())
 
     def damaged(self) -> str:
@@ -75,5 +75,8 @@ class Frames:
             return {}
         if self.path is None:
             return {name: np.array([row[name] for row in self._rows]) for name in self.dtype.names or ()}
-        table = np.memmap(self.path, self.dtype, "r", shape=(len(self),))
+        if os.name == "nt":  # which renames no folder while a file in it is mapped
+            table = np.fromfile(self.path, self.dtype, len(self))
+        else:
+            table = np.memmap(self.path, self.dtype, "r", shape=(len(self),))
         return {name: table[name] for name in self.dtype.names or ()}

@@ -234,7 +234,7 @@ class Run(Shown):
         ds = self.dataset()
         ds["time"].encoding["dtype"] = "float64"
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
-        (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n")
+        (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n", encoding="utf-8")
         head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
         k = self.last
         along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)

@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from flashtemp.camera import plausible
-from flashtemp.camera.formats import irbis
+from flashtemp.camera.formats import clean_text, irbis
 from flashtemp.camera.formats.cells import cells, is_number, moment, mostly_numbers, numeric, parsed
 from flashtemp.camera.raw_frames import Frames, celsius, linear
 from flashtemp.errors import BadInput
@@ -47,8 +47,8 @@ def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=No
     text = decoded(data)
     if text.lstrip().startswith(irbis.START):
         return irbis.read(text, unit)
-    header, found, separator, comma = _sniffed(bounded_reading.lines(text, "line"), decimal, text[-1] in "\r\n")
-    values, labelled = _without_labels(parsed(found, separator, comma))
+    header, values, separator, comma = (decimal is None and clean_text.rows(text)) or _careful(text, decimal)
+    values, labelled = _without_labels(values)
     said, header_unit, clock, size = _header(header)
     notes = [f"{SEPARATORS[separator]} between the values" + (", decimal commas" if comma else "")]
     notes += ["row and column numbers left out"] if labelled else []
@@ -70,6 +70,12 @@ def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=No
         outside=int(marked.sum()),
         notes=(*notes, *([note] if note else [])),
     )
+
+
+def _careful(text: str, decimal: str | None) -> tuple[list[str], np.ndarray, str | None, bool]:
+    """Lines of the header, numbers (rows, columns), their separator, and whether commas are decimal."""
+    header, found, separator, comma = _sniffed(bounded_reading.lines(text, "line"), decimal, text[-1] in "\r\n")
+    return header, parsed(found, separator, comma), separator, comma
 
 
 def table(text: str, decimal: str | None) -> tuple[list[list[str]], str | None, bool]:
@@ -133,7 +139,9 @@ def _separator(lines: list[str]) -> str | None:
     clearest = {separator: clear(separator) for separator in SEPARATORS}
     separator = max(clearest, key=lambda separator: clearest[separator])
     if not clearest[separator]:
-        raise BadInput("no matrix of numbers in it; give a text file with one row of the image per line")
+        raise BadInput(
+            "no matrix of numbers in it; give files with a row of numbers per line, or a pattern that leaves this out"
+        )
     return separator
 
 

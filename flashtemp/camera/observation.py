@@ -27,7 +27,8 @@ ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
 BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
 RIM = 1.5  # px around the edge of a body that no comparison uses
-RULER = 0.01  # of the block's length, as it is known: its trailing edge may lie that far off
+RULER = 0.01  # of the block's length and width, as they are known: its edges may lie that far off
+TAIL = 4.0  # widths of the optics within which a road's edge shows
 
 
 @dataclass(frozen=True)
@@ -259,13 +260,17 @@ def _as_told(recording: Recording, scene: Scene, ruler: tuple[float, float] | No
 def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to.
 
-    The trailing edge is as uncertain as the block's length.
+    The trailing edge is as uncertain as the block's length.  The sides of a wake tell nothing but where they are, and
+    that in the tails of a few pixels, which no tangent follows: they are left out as far as they may show.
     """
-    masks, least = [], RIM + max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
-    ends = RULER * (along[-1] - along[0]) if recording.view != "wake" else 0.0, 0.0
-    axes = zip((recording.u, recording.v), recording.pitch, (along, up), ends, strict=True)
-    for centres, pitch, nodes, end in axes:
+    masks, moved = [], max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
+    rims, ends = [RIM + moved] * 2, [(0.0, RULER * (along[-1] - along[0])), (0.0, 0.0)]
+    if recording.view == "wake":
+        rims[1] = max(RIM, 0.5 + TAIL * (recording.psf_sigma_px or 0.0)) + moved
+        ends = [(0.0, 0.0), (0.5 * RULER * (up[-1] - up[0]),) * 2]
+    axes = zip((recording.u, recording.v), recording.pitch, (along, up), rims, ends, strict=True)
+    for centres, pitch, nodes, least, (first, last) in axes:
         rim, free = least * pitch, len(nodes) == 1 or not np.isfinite(pitch)
-        inside = (centres >= nodes[0] + rim) & (centres <= nodes[-1] - rim - end)
+        inside = (centres >= nodes[0] + rim + first) & (centres <= nodes[-1] - rim - last)
         masks.append(np.full(len(centres), True) if free else inside)
     return masks[1][:, None] & masks[0][None]

@@ -12,7 +12,7 @@ from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError
 from flashtemp.discovery.nuisances import MODES
 from flashtemp.discovery.orientation import Turned, turned_round, with_views
-from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem, strangers, without
 from flashtemp.discovery.scores import Score
@@ -26,6 +26,7 @@ HOPELESS = 40.0  # behind the best: a refit goes no further
 IDLE = "ends where it does nothing"  # why a full fit is no rival
 LONGER = 0.02  # share of the length by which the first looks take the block longer and shorter than told
 LENGTHS = (0.5, 1.5, 2.0)  # times that: the further looks on the side that fits better
+STRAINED = {Kind.SHIFT_U: 3.0, Kind.SHIFT_V: 3.0, Kind.SIZE: 0.8}  # standard deviations by which a first look moves it
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
 Ranking = tuple[Score, ...]
 
@@ -131,11 +132,11 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
 
 
 def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivatives) -> Descent:
-    """Where the model misfits grossly, begun at the length of the block that fits best: images show its trailing edge
-    within a pixel or two, and no tangent tells which way it is farther off."""
+    """Where the model misfits grossly, or moves images or edges far, begun at the length of the block that fits best:
+    images show its trailing edge within a pixel or two, and no tangent tells which way it is farther off."""
     fit = begun.fit
     assert fit is not None
-    if not fit.hopeless or problem.case["schedule.alone"]:
+    if problem.case["schedule.alone"] or not (fit.hopeless or _strained(fit)):
         return begun
 
     def longer(share: float) -> Model:
@@ -152,6 +153,13 @@ def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivat
     fits |= {share: misfit(share) for share in (times * way for times in LENGTHS)}
     best = longer(min(fits, key=lambda share: fits[share]))
     return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything)))
+
+
+def _strained(fit: Fit) -> bool:
+    """Whether a first look moves an image, or an edge of the block, farther than it is likely to be off."""
+    return any(
+        abs(fit.solution[p]) > STRAINED[p.kind] * fit.priors[p][1] for p in fit.solution.names if p.kind in STRAINED
+    )
 
 
 def traced(

@@ -236,3 +236,4 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
     entering, whole = (system.came_as(now, at, which)[0] - drift for which in (False, True))
     track.leave(t, place, column - drift, entering, b.share, lane, whole)
+    system.recent.forget()

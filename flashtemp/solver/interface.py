@@ -5,19 +5,23 @@ Pressure is consistent with load and moment at every instant; contact laws are t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux, lanes
+from flashtemp.model.scene import Moment
+from flashtemp.solver import contact_flux, kernels_contact, lanes
 from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.kernels_contact import alike
 from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Press
 
+SCHEDULED = Moment._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
 RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
@@ -40,6 +44,8 @@ class Recent:
     """
 
     when: tuple = ()  # all that pressure and contact laws saw
+    asked: tuple = ()  # all that the last state followed from, and the state
+    state: contact_flux.ContactState | None = None
     shape: np.ndarray | None = None  # pressure over its mean (columns,)
     fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
     spread: tuple = ()
@@ -52,6 +58,27 @@ class Recent:
         """Forget answers of laws that see something else now."""
         if when != self.when:
             self.when, self.shape, self.fraction = when, None, None
+
+
+@lru_cache(maxsize=256, typed=True)
+def _even(value: complex, n: int) -> np.ndarray:
+    """A number on every column."""
+    return np.full(n, value)
+
+
+def _columns(value, n: int) -> np.ndarray:
+    """What a law says, on all n columns: it may say one number for all of them."""
+    if np.ndim(value) == 0:
+        return _even(complex(value) if isinstance(value, complex) else float(value), n)
+    if value.shape == (n,) and value.dtype.kind in "fc" and value.flags.c_contiguous:
+        return value
+    columns: np.ndarray = value * np.ones(n)
+    return columns
+
+
+def _same(values: np.ndarray) -> tuple:
+    """What is equal for equal values alone."""
+    return values.dtype, values.tobytes()
 
 
 @dataclass(frozen=True)
@@ -69,7 +96,7 @@ class Interface:
         block is lifted there are no fluxes.
         """
         b = self.b
-        now = now._replace(worn=worn if b.abrades else None)
+        now = now.seeing(worn=worn) if b.abrades else now
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
         if b.expansion:
             free = free + b.foundation.stiffness * b.swelling(T)
@@ -110,6 +137,8 @@ class Interface:
 
     def _turning(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
+        if not self.b.laws.has("holder.compliance"):
+            return np.inf, 0.0
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         bed, width = self.b.foundation, self.b.scene.width
         give = compliance * width * bed.stiffness * bed.length
@@ -154,30 +183,37 @@ class Interface:
 
     def state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
+        face = None if T is None else T[self.b.cell_block] + self.b.scene.ambient
+        seen = (None if a is None else _same(a) for a in (now.worn, local, face))
+        asked = (*now[:SCHEDULED], now.passed, now.leg, *seen)
+        if self.recent.state is None or asked != self.recent.asked:
+            self.recent.asked, self.recent.state = asked, self._state(now, local, face)
+        return self.recent.state
+
+    def _state(self, now, local, face) -> contact_flux.ContactState:
+        """Contact laws at a local pressure and temperatures (columns,) K of the block's face."""
         self._recall(now)
-        laws, mesh, recent = self.b.laws, self.b.scene.mesh, self.recent
-        now = now.under(mesh, local_pressure=local)
-        if T is not None:
-            now = now._replace(face=T[self.b.cell_block] + self.b.scene.ambient)
-        phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
-        phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
+        laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.recent, len(local)
+        now = now.under(mesh, local_pressure=local, face=face)
+        phi = laws("contact.spot_fraction", 0.0, None, now)
+        phi = kernels_contact.between(_columns(phi, n), 1e-6, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
         last = recent.fraction
-        if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
+        if last is None or phi.dtype != last.dtype or phi.tobytes() != last.tobytes():
             covered = phi @ mesh.column_area / mesh.column_area.sum()
-            seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
-        covered, flash, deep, widen = recent.spread
-        lane, fall = lanes.in_contact(self.b, phi, now, self._memory)
-        light = local / max(LIGHT * now.pressure, 1e-300)
-        light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
-        speed = now.speed if now.touching else 0.0
+            seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
+            recent.fraction, recent.spread = phi, (covered, *self._spread(seen), lanes.even(self.b, phi))
+        covered, flash, deep, widen, even = recent.spread
+        lane, fall = lanes.in_contact(self.b, phi, now, self._memory) if even is None else even
+        speed, least = now.speed if now.touching else 0.0, max(LIGHT * now.pressure, 1e-300)
+        on, over = alike(local, phi)
+        m, light, road = kernels_contact.pressed(on, over, speed, least, self.b.share)
         state = contact_flux.ContactState(
-            m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, micro=micro, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
-            block=phi, road=phi / self.b.share, half=phi, under=Overlap(self.b.cell_road),
+            m=m, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light), flash=flash,
+            micro=_columns(micro, n), lane=lane, fall=fall, widen=widen, split=_columns(split, n),
+            inside=self.b.inside, deep=deep, block=phi, road=road, half=phi, under=Overlap(self.b.cell_road),
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
 
@@ -192,8 +228,7 @@ class Interface:
             raise SolverFailure("no spot is under the block; give more or larger spots")
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
         block = state.block + w * (cover - state.block)
-        return replace(
-            state,
+        return state._replace(
             m=state.m + w * (load - 1.0) * state.m,
             phi=state.phi + w * (cover - state.phi),
             covered=state.covered + w * (1.0 - state.covered),
@@ -213,12 +248,12 @@ class Interface:
         """Share of every column that spots cover, the road under it, `RoadFrame.edge` and `ContactState.rim`."""
         b, frame, mesh = self.b, self.b.road_frame, self.b.scene.mesh
         edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strips(now.passed)
-        cover = b.laws("contact.cover", 0.0, None, now._replace(lead=edges))
+        cover = b.laws("contact.cover", 0.0, None, now.seeing(lead=edges))
         if frame is None:
             return cover, Overlap(b.cell_road), 0.0, 0.0
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
         under = frame.overlap(now.passed, b.cell_road, area)
-        bare = 1.0 - b.laws("contact.cover", 0.0, None, now._replace(lead=frame.edges(now.passed)))
+        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.seeing(lead=frame.edges(now.passed)))
         passed = np.minimum(now.contact_time, now.waited + mesh.column_x / max(now.last_speed, 1e-300))
         rim = frame.rim(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
         cover = (area[::2] + area[1::2]).ravel() / frame.dx
@@ -257,13 +292,13 @@ class Interface:
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
-            bare = at._replace(
+            bare = at.seeing(
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
         def law(target, base):
             def at_temperatures(T, face, apart=False):
-                return laws(target, base, T, (bare if apart else at)._replace(face=face)) + 0.0 * T
+                return laws(target, base, T, (bare if apart else at).seeing(face=face)) + 0.0 * T
 
             return at_temperatures
 
@@ -271,8 +306,8 @@ class Interface:
             state,
             T[b.cell_block] + ambient,
             lanes.rises(b, state, T, T_in) + ambient,
-            b.half_block / kf[b.cell_block],
-            b.half_road / kf[b.cell_road] + state.rim,
+            b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
+            (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
             law("friction.mu", 0.0),
             law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
             self.recent.touch,
@@ -282,19 +317,19 @@ class Interface:
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
-        at = self.at(state, now)._replace(friction=flux.mu)
-        return now.speed * self.b.laws("block.abrasion", 0.0, flux.spot, at) * np.ones(len(at.x))
+        at = self.at(state, now).seeing(friction=flux.mu)
+        return now.speed * _columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
     def abrasion_coupling(self, contact: Contact, now, worn, T, T_in, kf, gamma: float) -> AbrasionCoupling:
         """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""
         b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
-        now = now._replace(worn=worn if b.abrades else None)
+        now = now.seeing(worn=worn) if b.abrades else now
         pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, T_in, kf)
-        seen = self.at(contact.state, now._replace(worn=worn + 1j * STEP if b.abrades else None))
+        seen = self.at(contact.state, now.seeing(worn=worn + 1j * STEP) if b.abrades else now)
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
-        deeper = replace(contact.state, r=contact.state.r + thicker) if np.any(thicker) else None
+        deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
         spot, mu = (
             slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))

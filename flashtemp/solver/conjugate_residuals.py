@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.solver.system import Linearised, Moved
+from flashtemp.solver.linearised import Linearised, Moved
 
 SOLVED, SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
 

@@ -350,7 +350,9 @@ class Interface:
         flux, _ = self.fluxes(state, now, T, T_in, kf)
         area = self.b.scene.mesh.column_area
         road = flux.into_road * area
-        return Answer(
+        return Answer.of(
+            self.b,
+            state.under,
             face=slope(state.block * flux.into_block * area),
             deep=slope(state.block * flux.deep * area),
             road=slope(state.road * road),

@@ -165,3 +165,34 @@ def leaving(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
             c = k * across + j
             out[k, j] = carry[k] * (end + slope * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)
     return out
+
+
+@njit(cache=True)
+def book(entry, offset, cell, weight, T, scale, out):
+    """Add `scale` times the sums of weight T, from offset[i] to offset[i + 1], to `out` at entry[i]."""
+    for i in range(len(entry)):
+        total = 0.0 * T[0]
+        for begin in range(offset[i], offset[i + 1], 64):  # in two floors: rounding grows with the longest sum
+            part = 0.0 * T[0]
+            for c in range(begin, min(begin + 64, offset[i + 1])):
+                part += weight[c] * T[cell[c]]
+            total += part
+        out[entry[i]] += scale * total
+
+
+@njit(cache=True)
+def respond(spread, load, free):
+    """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others carry."""
+    for j in range(len(load)):
+        lost = 0.0 * free[0]
+        for i in range(len(free)):
+            lost += load[j, i] * free[i]
+        for i in range(len(free)):
+            free[i] -= spread[i, j] * lost
+
+
+@njit(cache=True)
+def scatter(place, column, gain, change, scale, out):
+    """Add `scale` gain change[column] to `out` at each place."""
+    for e in range(len(place)):
+        out[place[e]] += scale * gain[e] * change[column[e]]

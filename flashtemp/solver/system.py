@@ -10,14 +10,12 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.scene import Moment
-from flashtemp.solver import conduction, kernels_2d, kernels_contact, lanes
-from flashtemp.solver.abrasion import AbrasionCoupling
+from flashtemp.solver import conduction, kernels_2d, kernels_contact
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.boundary_heat import Films
-from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import Contact, Interface
 from flashtemp.solver.kernels_contact import alike
-from flashtemp.solver.road_frame import Overlap, RoadFrame
+from flashtemp.solver.linearised import Booked, Linearised, Moved, contact_slopes, leaving_slopes
 
 
 class Incoming(NamedTuple):
@@ -42,6 +40,7 @@ class Latest:
     entering: dict[bool, np.ndarray] = field(default_factory=dict)  # of the lanes, and of the whole width
     filmed: tuple = ()  # all that the films saw
     films: Films | None = None
+    walls: tuple[Films, list] | None = None  # films, and their slopes
 
     def forget(self, now: Moment | None = None) -> None:
         """Another moment has come, or the track has changed."""
@@ -112,9 +111,10 @@ class System:
         """
         if self.inflow is None or self.phase.turned > -np.inf:
             return np.tile(self.entering(now, whole), (len(behind), 1))
-        at, which = np.unique(behind, return_inverse=True)
-        came = [self.entering(now._replace(passed=now.passed - way), whole) for way in at]
-        return np.array(came)[which] if came else np.zeros((0, len(self.entering(now, whole))))
+        if len(behind) == 0:
+            return np.zeros((0, len(self.b.no_inflow)))
+        came = self.entering(now.seeing(passed=now.passed - behind[:, None]), whole)
+        return np.broadcast_to(came, (len(behind), len(self.b.no_inflow)))
 
     def back(self, now) -> np.ndarray | float:
         """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""
@@ -220,10 +220,8 @@ class System:
         carry = b.carry(now)
         stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
         contact = self.felt(now, y, T, T_in, kf, slopes=True)
-        at_walls = b.boundary.slopes(self.near(contact, now), self.films(now), T, kf)
-        slopes, rows, books = _contact_slopes(b, contact, at_walls)
-        for row in _leaving_slopes(b, carry, stretch):
-            rows["lane_out"].append(row)
+        slopes, rows, books = contact_slopes(b, contact, self._at_walls(contact, now, T, kf))
+        rows["lane_out"].append(leaving_slopes(b, carry, stretch))
         joined: conduction.Rows = {
             name: (np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
             for name, parts in rows.items()
@@ -234,128 +232,13 @@ class System:
             coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, T_in, kf, gamma)
         state = None if contact is None else contact.state
         solid = self.solid.linearised(gamma, kf, carry, stretch, slopes, joined)
-        return Linearised(b, gamma, stretch, joined, state, books, solid, coupling)
+        return Linearised(b, gamma, stretch, Booked.of(b, joined), state, books, solid, coupling)
 
-
-def _contact_slopes(b: Balance, contact: Contact | None, at_walls):
-    """Slopes of all heat of walls and contact with temperature; how the ledger follows the cells, and how the lanes.
-
-    Lanes are among the cells as if they kept their width.
-    """
-    own = [(cells, slope) for _, cells, slope in at_walls]
-    rows: dict[str, list] = {name: [] for name in b.ledger}
-    for name, cells, slope in at_walls:
-        rows[name].append((cells, slope))
-    deposits, along, up, down, books = None, b.idle, b.idle, b.idle, {}
-    under = Overlap(b.cell_road) if contact is None else contact.state.under
-    if contact is not None and contact.slopes is not None:
-        state, d, area = contact.state, contact.slopes, b.scene.mesh.column_area
-        face, lane = state.block * area, state.road * area
-        if len(b.weight) and np.any(d.deep):
-            deposits = face * d.deep[0], face * d.deep[1]
-        own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
-        along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
-        for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
-            books[name] = w * slopes[1]
-            rows[name] += [(b.cell_block, w * slopes[0]), *state.under.parts(books[name])]
-    cell = np.concatenate([np.empty(0, dtype=np.int64), *(cells for cells, _ in own)])
-    slope = np.concatenate([np.empty(0), *(slope for _, slope in own)])
-    return conduction.Slopes(cell, slope, along, up, down, deposits, under), rows, books
-
-
-def _leaving_slopes(b: Balance, carry, stretch) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(cells, slopes) of the heat that the road carries out of the window, less what it brings in."""
-    mesh = b.scene.mesh
-    before, last, first = (mesh.everywhere(mesh.road[i]) for i in (-2, -1, 0))
-    leave, back = (np.outer(carry, mesh.share) * stretch[cells] for cells in (last, before))
-    return [
-        (last.ravel(), (leave * (1 + b.slope[-1])).ravel()),
-        (before.ravel(), (-back * b.slope[-1]).ravel()),
-        (first.ravel(), np.outer(b.g_in, mesh.share).ravel()),
-    ]
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """A system linearised at one instant: J v, and the preconditioner's P^-1 r for P = I - gamma J.
-
-    `stretch` dh/dT (cells,); `rows` {entry of the ledger: (cells, slopes in W/(m K))}, of them `books` {entry: slopes
-    (columns,) with the road's columns}; `contact` of that state, None where nothing depends on it.
-    """
-
-    b: Balance
-    gamma: float
-    stretch: np.ndarray
-    rows: conduction.Rows
-    contact: ContactState | None
-    books: dict[str, np.ndarray]
-    solid: conduction.LinearisedPlane
-    coupling: AbrasionCoupling | None
-
-    def times(self, v: np.ndarray, out: np.ndarray) -> None:
-        """out = J v; conserves heat like the rate.
-
-        Left out: slopes of k(T), and the ways from temperature over friction to the tilt of a holder that turns, and
-        from the face's temperature to the contact fraction.
-        """
-        b, n = self.b, self.b.n
-        h = v[:n]
-        T = h if b.capacity_gradient is None else h / self.stretch
-        out[n:] = 0.0
-        lane = fallen = b.idle
-        if self.contact is not None:
-            fallen = lanes.fallen(b, self.contact, T)
-            lane = self.contact.under.seen(T) - fallen
-        self.solid.product(T, lane, out[:n])
-        for name, (index, weight) in self.rows.items():
-            out[b.entry[name]] = weight @ T[index]
-        for name, slope in self.books.items():
-            out[b.entry[name]] -= (slope * fallen).sum()
-        if self.coupling is not None:
-            w = self.coupling
-            out[b.worn] = w.heated(T[b.cell_block], lane)
-            w.add(v[b.worn], out, T=T)
-
-    def solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""
-        b, n = self.b, self.b.n
-        T, w = z[:n], self.coupling
-        if w is not None:  # abrasion first: it moves the pressure, and that the heat
-            r = r.copy()
-            w.add(w.undo(r[b.worn]), r, self.gamma)
-        z[n:] = r[n:]
-        self.solid.solve(r[:n], T)
-        for name, (index, weight) in self.rows.items():
-            z[b.entry[name]] += self.gamma * (weight @ T[index])
-        if w is not None:
-            z[b.worn] += self.gamma * w.heated(T[b.cell_block], w.under.seen(T))
-        if b.capacity_gradient is not None:
-            T *= self.stretch
-
-
-@dataclass(frozen=True)
-class Moved:
-    """A system `at` a state as it lies under the block, for road that lies `k` lines further upstream in memory."""
-
-    at: Linearised
-    frame: RoadFrame
-    k: int
-
-    @property
-    def gamma(self) -> float:
-        """Of P = I - gamma J."""
-        return self.at.gamma
-
-    def times(self, v: np.ndarray, out: np.ndarray) -> None:
-        """out = J v; road that has gone changes no more, and what has not come yet is given."""
-        b, moved = self.at.b, np.empty_like(out)
-        self.at.times(self.frame.placed(v, self.k, 0.0), moved)
-        front = self.frame.back(moved, self.k, out, 0.0)
-        out[b.entry["lane_out"]] += b.road_heat(front)
-
-    def solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        """z = P^-1 r; what P gives to road that has not come yet is booked as gone, so that heat is conserved."""
-        b, moved = self.at.b, np.empty_like(z)
-        self.at.solve(self.frame.placed(r, self.k, 0.0), moved)
-        front = self.frame.back(moved, self.k, z, r[: b.n])
-        z[b.entry["lane_out"]] += b.road_heat(front)
+    def _at_walls(self, contact: Contact | None, now: Moment, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """Slopes of the heat of walls: films on a body of constant conductivity keep theirs while they are the same."""
+        recent, boundary, films = self.recent, self.b.boundary, self.films(now)
+        if boundary.local or kf is not self.b.ones:
+            return boundary.slopes(self.near(contact, now), films, T, kf)
+        if recent.walls is None or recent.walls[0] is not films:
+            recent.walls = films, boundary.slopes(now, films, T, kf)
+        return recent.walls[1]

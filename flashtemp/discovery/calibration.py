@@ -215,7 +215,12 @@ class Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""
         last = min(LONGEST, self._far(self._steps(best.solution, best.priors), best))
         cautious = replace(
-            self, trust=SHORTER * min(self.trust, last), back=self.back + 1, tried=self.tried + 1, bent=True, parent=None
+            self,
+            trust=SHORTER * min(self.trust, last),
+            back=self.back + 1,
+            tried=self.tried + 1,
+            bent=True,
+            parent=None,
         )
         return replace(cautious, model=cautious._onward(best))
 

@@ -16,7 +16,6 @@ from scipy.linalg import eigh_tridiagonal
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
-from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.system import Incoming, Inflow, System
 
@@ -101,7 +100,7 @@ class Track:
         self.laid, self.laid_lane = ([self._amplitudes(a) for a in columns[::-1]] for columns in (whole, lanes))
 
     def comes(self, t: float, places, whole: bool = False) -> Incoming:
-        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)), off the track or from round the block.
+        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)), off the track or from by the block.
 
         Where it lay around the block at its start it is what it was `before` the block was on it.
         """
@@ -268,7 +267,7 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
-    lane = np.tile(lanes.everywhere(scene.mesh, system.contact(now, y).state.lane)[-1], scene.mesh.n_road)
+    lane = np.tile(system.lanes(now, y)[-1], scene.mesh.n_road)
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
     entering, whole = (system.came_as(now, at, which)[0] - drift for which in (False, True))
     track.leave(t, place, column - drift, entering, b.share, lane, whole)

@@ -6,7 +6,6 @@ Pressure is consistent with load and moment at every instant; contact laws are t
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,8 @@ from flashtemp.model.scene import Moment
 from flashtemp.solver import contact_flux, kernels_contact, lanes
 from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.kernels_contact import alike
+from flashtemp.solver.kernels_contact import alike, columns
+from flashtemp.solver.recent import Recent, same
 from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Press
 
@@ -35,52 +35,6 @@ class Contact(NamedTuple):
     slopes: contact_flux.Slopes | None = None
 
 
-@dataclass
-class Recent:
-    """What an interface was asked last, with the answers: the one thing of a system that calls change.
-
-    It stays because a step asks for the same contact laws several times, and because Newton's iterations start best
-    where the last ended.  An answer depends on it by Newton's tolerance at most.
-    """
-
-    when: tuple = ()  # all that pressure and contact laws saw
-    asked: tuple = ()  # all that the last state followed from, and the state
-    state: contact_flux.ContactState | None = None
-    shape: np.ndarray | None = None  # pressure over its mean (columns,)
-    fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
-    spread: tuple = ()
-    way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
-    memory: tuple = ()
-    touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
-    friction: float = 0.0  # load-weighted, where the holder turns
-
-    def forget(self, when: tuple) -> None:
-        """Forget answers of laws that see something else now."""
-        if when != self.when:
-            self.when, self.shape, self.fraction = when, None, None
-
-
-@lru_cache(maxsize=256, typed=True)
-def _even(value: complex, n: int) -> np.ndarray:
-    """A number on every column."""
-    return np.full(n, value)
-
-
-def _columns(value, n: int) -> np.ndarray:
-    """What a law says, on all n columns: it may say one number for all of them."""
-    if np.ndim(value) == 0:
-        return _even(complex(value) if isinstance(value, complex) else float(value), n)
-    if value.shape == (n,) and value.dtype.kind in "fc" and value.flags.c_contiguous:
-        return value
-    columns: np.ndarray = value * np.ones(n)
-    return columns
-
-
-def _same(values: np.ndarray) -> tuple:
-    """What is equal for equal values alone."""
-    return values.dtype, values.tobytes()
-
-
 @dataclass(frozen=True)
 class Interface:
     """Pressure and contact laws under the block of a balance."""
@@ -90,10 +44,21 @@ class Interface:
 
     # --- pressure ------------------------------------------------------------------------------
     def contact(self, now, worn, T, T_in, kf, slopes: bool = False) -> Contact:
-        """Settle the block, worn by `worn` (columns,) m, on the road and solve the contact.
+        """Settle the block on the road and solve the contact.
 
-        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.  While the
-        block is lifted there are no fluxes.
+        While the block is lifted there are no fluxes.
+        """
+        now, press, state = self.settled(now, worn, T, T_in, kf)
+        if not now.touching:
+            return Contact(state, press)
+        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
+        self.recent.touch = np.real(flux.touch)
+        return Contact(state, press, flux, slope)
+
+    def settled(self, now, worn, T, T_in, kf) -> tuple[Moment, Press, contact_flux.ContactState]:
+        """The block, worn by `worn` (columns,) m, on the road: the moment as laws see it, pressure and contact laws.
+
+        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.
         """
         b = self.b
         now = now.seeing(worn=worn) if b.abrades else now
@@ -107,12 +72,7 @@ class Interface:
             moment = moment * mean
             free = free if sheared is None else free + mean * sheared
         press = b.foundation.settle(free, now.pressure, moment, turning)
-        state = self.state(now, press.pressure, T)
-        if not now.touching:
-            return Contact(state, press)
-        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
-        self.recent.touch = np.real(flux.touch)
-        return Contact(state, press, flux, slope)
+        return now, press, self.state(now, press.pressure, T)
 
     def _pressed(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
@@ -184,7 +144,7 @@ class Interface:
     def state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
         face = None if T is None else T[self.b.cell_block] + self.b.scene.ambient
-        seen = (None if a is None else _same(a) for a in (now.worn, local, face))
+        seen = (None if a is None else same(a) for a in (now.worn, local, face))
         asked = (*now[:SCHEDULED], now.passed, now.leg, *seen)
         if self.recent.state is None or asked != self.recent.asked:
             self.recent.asked, self.recent.state = asked, self._state(now, local, face)
@@ -196,7 +156,7 @@ class Interface:
         laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.recent, len(local)
         now = now.under(mesh, local_pressure=local, face=face)
         phi = laws("contact.spot_fraction", 0.0, None, now)
-        phi = kernels_contact.between(_columns(phi, n), 1e-6, 1.0)
+        phi = kernels_contact.between(columns(phi, n), 1e-6, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
@@ -212,7 +172,7 @@ class Interface:
         m, light, road = kernels_contact.pressed(on, over, speed, least, self.b.share)
         state = contact_flux.ContactState(
             m=m, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light), flash=flash,
-            micro=_columns(micro, n), lane=lane, fall=fall, widen=widen, split=_columns(split, n),
+            micro=columns(micro, n), lane=lane, fall=fall, widen=widen, split=columns(split, n),
             inside=self.b.inside, deep=deep, block=phi, road=road, half=phi, under=Overlap(self.b.cell_road),
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
@@ -318,7 +278,7 @@ class Interface:
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
         at = self.at(state, now).seeing(friction=flux.mu)
-        return now.speed * _columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
+        return now.speed * columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
     def abrasion_coupling(self, contact: Contact, now, worn, T, T_in, kf, gamma: float) -> AbrasionCoupling:
         """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""

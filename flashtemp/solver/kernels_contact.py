@@ -5,6 +5,7 @@ All arrays of a call are float or all are complex (`alike`): then a complex step
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,22 @@ def alike(*arrays: np.ndarray) -> Any:
         if a.dtype.kind == "c":
             return [one.astype(complex, copy=False) for one in arrays]
     return arrays
+
+
+@lru_cache(maxsize=256, typed=True)
+def _even(value: complex, n: int) -> np.ndarray:
+    """A number on every column."""
+    return np.full(n, value)
+
+
+def columns(value, n: int) -> np.ndarray:
+    """What a law says, on all n columns: it may say one number for all of them."""
+    if np.ndim(value) == 0:
+        return _even(complex(value) if isinstance(value, complex) else float(value), n)
+    if value.shape == (n,) and value.dtype.kind in "fc" and value.flags.c_contiguous:
+        return value
+    found: np.ndarray = value * np.ones(n)
+    return found
 
 
 @njit(cache=True)

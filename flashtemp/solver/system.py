@@ -10,12 +10,13 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.scene import Moment
-from flashtemp.solver import conduction, kernels_2d, kernels_contact
+from flashtemp.solver import conduction, kernels_2d, kernels_contact, lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.boundary_heat import Films
 from flashtemp.solver.interface import Contact, Interface
 from flashtemp.solver.kernels_contact import alike
 from flashtemp.solver.linearised import Booked, Linearised, Moved, contact_slopes, leaving_slopes
+from flashtemp.solver.recent import Latest
 
 
 class Incoming(NamedTuple):
@@ -30,21 +31,6 @@ class Incoming(NamedTuple):
 
 
 Inflow = Callable[..., Incoming]  # of a moment, and whether of the whole width instead of the lanes
-
-
-@dataclass
-class Latest:
-    """The moment that a system was asked about last, with what enters and all films: a step asks several times."""
-
-    now: Moment | None = None
-    entering: dict[bool, np.ndarray] = field(default_factory=dict)  # of the lanes, and of the whole width
-    filmed: tuple = ()  # all that the films saw
-    films: Films | None = None
-    walls: tuple[Films, list] | None = None  # films, and their slopes
-
-    def forget(self, now: Moment | None = None) -> None:
-        """Another moment has come, or the track has changed."""
-        self.now, self.entering = now, {}
 
 
 @dataclass(frozen=True)
@@ -124,6 +110,13 @@ class System:
         """Block and road at a state y as `placed`: pressure, contact laws and, unless the block is lifted, fluxes."""
         T = self.b.rise(y[: self.b.n])
         return self.interface.contact(now, self.b.worn_depth(y), T, self.entering(now), self.solid.conduction(T, now))
+
+    def lanes(self, now, y) -> np.ndarray:
+        """Rises of the lanes in contact over those of their columns, on all lines (n_lines, n_across)."""
+        T = self.b.rise(y[: self.b.n])
+        kf, T_in = self.solid.conduction(T, now), self.entering(now)
+        state = self.interface.settled(now, self.b.worn_depth(y), T, T_in, kf)[2]
+        return lanes.everywhere(self.b.scene.mesh, state.lane)
 
     def felt(self, now, y, T, T_in, kf, slopes: bool = False) -> Contact | None:
         """The contact where any heat may depend on it: not where the block is lifted and no law sees the contact."""

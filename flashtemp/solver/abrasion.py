@@ -20,6 +20,9 @@ def slope(values) -> np.ndarray:
     return np.imag(values) / STEP
 
 
+Pattern = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 class Answer(NamedTuple):
     """How all rates follow what changes in the columns, their pressure or worn depth: a sparse matrix.
 
@@ -33,31 +36,35 @@ class Answer(NamedTuple):
     abrasion: np.ndarray
 
     @classmethod
-    def of(cls, b: Balance, under: Overlap, face, deep, road, books, abrasion) -> Answer:
+    def of(cls, at: Pattern, b: Balance, under: Overlap, face, deep, road, books, abrasion) -> Answer:
         """Out of slopes (columns,) of the heat into the block's `face`, in depth (`deep`) and into the road's cells.
 
         `books` are those of friction and of all heat into the road (W/m); `under` the road that is touched.
         """
-        mesh, each = b.scene.mesh, np.arange(len(face))
-        worn = np.arange(b.worn.start, b.worn.stop)
-        heats = [(b.cell_block, face), *under.parts(road)]
-        columns = [each] * len(heats)
-        if len(b.weight):
-            heats.append((b.deep_cells.ravel(), np.outer(deep, b.weight).ravel()))
-            columns.append(np.repeat(each, len(b.weight)))
-        cells, heat = (np.concatenate([part[k] for part in heats]) for k in (0, 1))
-        plane, across = np.divmod(cells, mesh.n_across)
-        entries = [np.full(len(face), b.entry[name]) for name in ("friction", "into_road")]
-        return cls(
-            np.concatenate([cells, worn, *entries]),
-            np.concatenate([*columns, each, each, each]),
-            np.concatenate([heat / (b.capacity[plane] * mesh.share[across]), abrasion / b.worn_unit, *books]),
-            abrasion,
-        )
+        place, column, unit = at
+        heats = [face, *(heat for _, heat in under.parts(road)), np.outer(deep, b.weight).ravel()]
+        gain = np.concatenate([*heats, abrasion, *books])
+        return cls(place, column, gain / unit, abrasion)
 
     def add(self, change: np.ndarray, scale: float, out: np.ndarray) -> None:
         """Add `scale` times what a `change` (columns,) does to `out` (size of a state,)."""
         kernels_contact.scatter(self.place, self.column, self.gain, change, scale, out)
+
+
+def pattern(b: Balance, under: Overlap) -> Pattern:
+    """Rows and columns of an `Answer`, and what there makes rates of heat (W/m), of m/s and of what is booked."""
+    mesh, n = b.scene.mesh, len(b.cell_block)
+    each = np.arange(n)
+    roads = [cells for cells, _ in under.parts(b.idle)]
+    cells = np.concatenate([b.cell_block, *roads, b.deep_cells.ravel()])
+    plane, across = np.divmod(cells, mesh.n_across)
+    entries = [np.full(n, b.entry[name]) for name in ("friction", "into_road")]
+    one = np.ones(n)
+    return (
+        np.concatenate([cells, np.arange(b.worn.start, b.worn.stop), *entries]),
+        np.concatenate([each, *(each for _ in roads), np.repeat(each, len(b.weight)), each, each, each]),
+        np.concatenate([b.capacity[plane] * mesh.share[across], b.worn_unit * one, one, one]),
+    )
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Pressure is consistent with load and moment at every instant; contact laws are t
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
 from flashtemp.model.scene import Moment
 from flashtemp.solver import contact_flux, kernels_contact, lanes
-from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
+from flashtemp.solver.abrasion import AbrasionCoupling, Answer, Pattern, pattern, slope
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.kernels_contact import alike, columns
 from flashtemp.solver.recent import Recent, same
@@ -237,6 +238,16 @@ class Interface:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
         return flash, deep, lanes.loss(self.b, now, self.b.scene.mesh.depth)
 
+    def loss_at_depth(self, state, now) -> np.ndarray:
+        """`lanes.loss_at_depth` at a state: it stays while what else follows from the contact fraction alone does."""
+        recent = self.recent
+        if state.phi is not recent.fraction:
+            return lanes.loss_at_depth(self.b, self.at(state, now))
+        if not recent.deeper or recent.deeper[0] is not recent.spread:
+            recent.deeper = recent.spread, lanes.loss_at_depth(self.b, self.at(state, now))
+        weights: np.ndarray = recent.deeper[1]
+        return weights
+
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
         return now.under(
@@ -305,12 +316,18 @@ class Interface:
             undo=response.solver(gamma * pressed.abrasion),
         )
 
+    @cached_property
+    def _pattern(self) -> Pattern:
+        """Of answers where the road lies on the block's lines."""
+        return pattern(self.b, Overlap(self.b.cell_road))
+
     def _answer(self, state, now, T, T_in, kf) -> Answer:
         """How heat and abrasion follow what has a complex step in the state."""
         flux, _ = self.fluxes(state, now, T, T_in, kf)
         area = self.b.scene.mesh.column_area
         road = flux.into_road * area
         return Answer.of(
+            self._pattern if state.under.other is None else pattern(self.b, state.under),
             self.b,
             state.under,
             face=slope(state.block * flux.into_block * area),

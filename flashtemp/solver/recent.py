@@ -39,6 +39,7 @@ class Recent:
     shape: np.ndarray | None = None  # pressure over its mean (columns,)
     fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
     spread: tuple = ()
+    deeper: tuple = ()  # the spread, and `lanes.loss_at_depth` with it
     way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
     memory: tuple = ()
     touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road

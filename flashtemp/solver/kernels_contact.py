@@ -200,12 +200,13 @@ def book(entry, offset, cell, weight, T, scale, out):
 @njit(cache=True)
 def respond(spread, load, free):
     """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others carry."""
+    lost = np.zeros(len(load), free.dtype)
     for j in range(len(load)):
-        lost = 0.0 * free[0]
         for i in range(len(free)):
-            lost += load[j, i] * free[i]
-        for i in range(len(free)):
-            free[i] -= spread[i, j] * lost
+            lost[j] += load[j, i] * free[i]
+    for i in range(len(free)):
+        for j in range(len(load)):
+            free[i] -= spread[i, j] * lost[j]
 
 
 @njit(cache=True)

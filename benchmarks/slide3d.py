@@ -140,7 +140,8 @@ def memory() -> None:
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
     from flashtemp.solver import kernels_2d, kernels_3d
-    from flashtemp.solver.system import Linearised, System
+    from flashtemp.solver.linearised import Linearised
+    from flashtemp.solver.system import System
 
     go(MILLION | {"numerics.mesh": 0.2})
     spent = dict.fromkeys(("loops", "callbacks"), 0.0)

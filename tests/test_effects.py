@@ -114,6 +114,21 @@ def test_laws_are_sound(bench, name):
     check_findings(*laws.asked(bench, TRIALS[name]))
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_films_of_the_base_change_with_nothing_but_touch_and_air(bench, shape):
+    """So a system asks them once while both stay: `System.films`."""
+    b = Balance(bench.scene(None, values=SHAPES[shape]))
+    assert b.laws.calm_films
+    rng, kept = np.random.default_rng(0), {}
+    for phase in b.scene.schedule.phases:
+        for t in rng.uniform(phase.begin, phase.end, 3):
+            now = b.scene.moment(phase, t)
+            for other in (now, now._replace(speed=2.0 * now.speed + 1.0, pressure=0.5 * now.pressure, repetition=7)):
+                assert kept.setdefault((now.touching, now.ambient), b.boundary.films(other).each) == (
+                    b.boundary.films(other).each
+                )
+
+
 @EACH_IN_EVERY_SHAPE
 def test_jacobian_is_exact(bench, name, shape):
     check_findings(balance.jacobian(bench, TRIALS.get(name), shape))

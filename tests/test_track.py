@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.model.case import load
-from flashtemp.solver.circular_track import Track
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.circular_track import Track, inflow, track_of
 from flashtemp.solver.march import march
+from flashtemp.solver.system import System
+
+CASES = Path(__file__).parents[1] / "cases"
 
 K, RC = 1.0, 2300 * 950.0
 EDGES = geometric(0.3, 1e-5, 90)
@@ -103,3 +110,21 @@ def test_a_track_that_remembers_needs_no_road_behind_the_block(lab):
     assert some.T_wake.shape[1] > 0
     rise = some.T_block[-1].max() - some.ambient_degC  # what leaves the window is followed by the track's closure
     assert np.abs(none.T_block[-1] - some.T_block[-1]).max() < 0.01 * rise
+
+
+def test_road_that_enters_is_that_of_its_own_moment():
+    """A system answers the same whatever it was asked before, of one place and of many."""
+    case = load(CASES / "run_in", {"numerics.mesh": 0.4})
+    b, phase = Balance(case.scene), case.scene.schedule.phases[2]
+    t = replace(track_of(case.scene, 3.5), place=[0.3, 0.9, 1.6], time=[3.0, 9.0, 16.0])
+    rng = np.random.default_rng(0)
+    for name in ("mean", "lane", "own"):
+        setattr(t, name, list(rng.normal(0.0, 1e3, (3, len(t.dz), 1))))
+    asked = System(b, phase, inflow(b, phase, t))
+    for at in (46.0, 55.0, 46.0, 62.0):
+        fresh = System(b, phase, inflow(b, phase, t))
+        assert np.array_equal(asked.entering(asked.moment(at)), fresh.entering(fresh.moment(at)))
+    now, behind = asked.moment(62.0), np.array([0.0, 0.011, 0.03, 0.5, 1.1])
+    rows = [asked.entering(now._replace(passed=now.passed - way)) for way in behind]
+    np.testing.assert_allclose(asked.came_as(now, behind), rows, rtol=1e-14)
+    assert np.ptp(rows, axis=0).max() > 0.1

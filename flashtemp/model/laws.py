@@ -25,6 +25,7 @@ class Laws:
         self.zones: list[tuple[Heat, Any, str]] = []
         self.deposits: list[Deposit] = []
         self.restless = False  # an effect's word about the contact changes: ask it at every moment
+        self.calm_films = True  # all films are the base's: they change with whether the block touches, and with the air
         for acting in scene.acting:
             for part in acting.contributions(scene):
                 target = getattr(part, "target", "")
@@ -37,6 +38,7 @@ class Laws:
                 elif isinstance(part, Deposit):
                     self.deposits.append(part)
                 elif part.kind == "film":
+                    self.calm_films &= kind.base
                     self.films.setdefault(part.site, []).append((part, acting.p, acting.name))
                 else:
                     (self.patches if part.kind == "patch" else self.zones).append((part, acting.p, acting.name))
@@ -51,7 +53,7 @@ class Laws:
         for part, p, _ in self.terms.get(target, ()):
             value = value + part.law(T, now, p, *args)
         for factor, p, _ in self.factors.get(target, ()):
-            value = value * factor.law(T, now._replace(base=value) if now is not None else now, p, *args)
+            value = value * factor.law(T, now.seeing(base=value) if now is not None else now, p, *args)
         return value
 
     def contributors(self, T: Value, now: Moment) -> dict[str, float]:

@@ -52,11 +52,21 @@ class Moment(NamedTuple):
     def at(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> Moment:
         """The moment as laws see it `lead` (m) behind the leading edge, with what else they see there."""
         x = lead if self.direction > 0 else mesh.x[mesh.last] - lead
-        return self._replace(x=x, lead=lead, y=y, **seen)
+        return self.seeing(x=x, lead=lead, y=y, **seen)
+
+    def seeing(self, **seen: Any) -> Moment:
+        """The moment as laws see it that see this besides: `_replace` at half the cost, since every step asks often."""
+        fields = list(self)
+        for name, value in seen.items():
+            fields[FIELD[name]] = value
+        return Moment._make(fields)
 
     def under(self, mesh: Mesh, **seen: Any) -> Moment:
         """The moment as laws see it at all columns under the block."""
         return self.at(mesh, mesh.column_x, mesh.column_y, **seen)
+
+
+FIELD = {name: i for i, name in enumerate(Moment._fields)}  # where each stands in the tuple
 
 
 @dataclass(frozen=True)
@@ -149,21 +159,22 @@ class Scene:
         """The schedule at time t within a phase."""
         s = self.schedule
         since, slid = t - phase.start, s.slid(phase, t)
+        passed = phase.slid_before + slid
         if s.alone:
-            now = Moment(t, 0.0, s.pressure(since), 0.0, since, 0.0, 0.0, False, self.ambient, phase.repetition)
-        elif phase.sliding:
+            return Moment(
+                t, 0.0, s.pressure(since), 0.0, since, 0.0, 0.0, False, self.ambient, phase.repetition, passed=passed
+            )
+        if phase.sliding:
             v = s.speed(since)
-            now = Moment(
+            return Moment(
                 t, v, s.pressure(since), slid, since, 0.0, v, True, self.ambient, phase.repetition,
-                direction=phase.direction, leg=slid - phase.leg_before,
+                passed=passed, direction=phase.direction, leg=slid - phase.leg_before,
             )  # fmt: skip
-        else:
-            now = Moment(
-                t, 0.0, s.pressure(s.slide_time), slid, since, t - phase.begin, s.last_speed(),
-                not s.lifted, self.ambient, phase.repetition,
-                direction=phase.direction, leg=slid - phase.leg_before,
-            )  # fmt: skip
-        return now._replace(passed=phase.slid_before + slid)
+        return Moment(
+            t, 0.0, s.pressure(s.slide_time), slid, since, t - phase.begin, s.last_speed(),
+            not s.lifted, self.ambient, phase.repetition,
+            passed=passed, direction=phase.direction, leg=slid - phase.leg_before,
+        )  # fmt: skip
 
     def __str__(self) -> str:
         names = ", ".join(a.name for a in self.acting)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.model.laws import STEP
-from flashtemp.solver import kernels_2d
+from flashtemp.solver import kernels_contact
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Response
@@ -20,18 +20,51 @@ def slope(values) -> np.ndarray:
     return np.imag(values) / STEP
 
 
-class Answer(NamedTuple):
-    """Slopes (columns,) with local pressure or with worn depth.
+Pattern = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-    Of the heat into the block's `face`, in depth (`deep`) and into the road's cells (`road`), of the `books` of
-    friction and of all heat into the road (W/m), and of the rate of `abrasion`.
+
+class Answer(NamedTuple):
+    """How all rates follow what changes in the columns, their pressure or worn depth: a sparse matrix.
+
+    It has `gain` in the row `place` (of a state) and the column `column`; `abrasion` (columns,) is the part that stands
+    in the rates of worn depth, m/s.
     """
 
-    face: np.ndarray
-    deep: np.ndarray
-    road: np.ndarray
-    books: tuple[np.ndarray, np.ndarray]
+    place: np.ndarray
+    column: np.ndarray
+    gain: np.ndarray
     abrasion: np.ndarray
+
+    @classmethod
+    def of(cls, at: Pattern, b: Balance, under: Overlap, face, deep, road, books, abrasion) -> Answer:
+        """Out of slopes (columns,) of the heat into the block's `face`, in depth (`deep`) and into the road's cells.
+
+        `books` are those of friction and of all heat into the road (W/m); `under` the road that is touched.
+        """
+        place, column, unit = at
+        heats = [face, *(heat for _, heat in under.parts(road)), np.outer(deep, b.weight).ravel()]
+        gain = np.concatenate([*heats, abrasion, *books])
+        return cls(place, column, gain / unit, abrasion)
+
+    def add(self, change: np.ndarray, scale: float, out: np.ndarray) -> None:
+        """Add `scale` times what a `change` (columns,) does to `out` (size of a state,)."""
+        kernels_contact.scatter(self.place, self.column, self.gain, change, scale, out)
+
+
+def pattern(b: Balance, under: Overlap) -> Pattern:
+    """Rows and columns of an `Answer`, and what there makes rates of heat (W/m), of m/s and of what is booked."""
+    mesh, n = b.scene.mesh, len(b.cell_block)
+    each = np.arange(n)
+    roads = [cells for cells, _ in under.parts(b.idle)]
+    cells = np.concatenate([b.cell_block, *roads, b.deep_cells.ravel()])
+    plane, across = np.divmod(cells, mesh.n_across)
+    entries = [np.full(n, b.entry[name]) for name in ("friction", "into_road")]
+    one = np.ones(n)
+    return (
+        np.concatenate([cells, np.arange(b.worn.start, b.worn.stop), *entries]),
+        np.concatenate([each, *(each for _ in roads), np.repeat(each, len(b.weight)), each, each, each]),
+        np.concatenate([b.capacity[plane] * mesh.share[across], b.worn_unit * one, one, one]),
+    )
 
 
 @dataclass(frozen=True)
@@ -60,19 +93,6 @@ class AbrasionCoupling:
         """Add what changes of the worn depth in the state, and of T (cells,) K by way of swelling, do to all rates."""
         depth = worn * self.b.worn_unit
         low = depth if T is None or not self.b.expansion else depth - self.b.swelling(T)
-        self._add(self.pressed, self.response(low), out, scale)
+        self.pressed.add(self.response(low), scale, out)
         if self.deeper is not None:
-            self._add(self.deeper, depth, out, scale)
-
-    def _add(self, answer: Answer, change: np.ndarray, out: np.ndarray, scale: float) -> None:
-        b = self.b
-        heat = np.zeros(b.n)
-        heat[b.cell_block] = scale * answer.face * change
-        self.under.give(scale * answer.road * change, heat)
-        if len(b.weight):
-            kernels_2d.deposit(b.deep_cells, b.weight, scale * answer.deep * change, heat)
-        mesh = b.scene.mesh
-        mesh.planes(out[: b.n])[:] += mesh.planes(heat) / np.outer(b.capacity, mesh.share)
-        out[b.worn] += scale / b.worn_unit * answer.abrasion * change
-        for name, gain in zip(("friction", "into_road"), answer.books, strict=True):
-            out[b.entry[name]] += scale * (gain @ change)
+            self.deeper.add(depth, scale, out)

@@ -51,11 +51,14 @@ class Balance:
         self.carry_unit = scene.road.volumetric_capacity * mesh.thickness[: mesh.n_road]  # rho c dz, J/(m2 K)
         self.no_inflow = np.zeros(mesh.n_road * mesh.n_across)
         self.cell_block = mesh.everywhere(mesh.block[:, 0]).ravel()
+        self.under = mesh.start[mesh.first : mesh.last].copy()  # deepest cells of a plane's road under the block
         self.cell_road = mesh.everywhere(mesh.road[mesh.first : mesh.last, -1]).ravel()
         self.half_block = np.full(len(self.cell_block), mesh.height[1] / (2 * scene.block.conductivity))
         self.half_road = np.full(len(self.cell_road), mesh.depth[1] / (2 * scene.road.conductivity))
+        self.ends = [mesh.road[i].copy() for i in (0, -2, -1)]  # first, last but one and last road of a plane
+        self.idle = np.zeros(len(self.cell_block))
         self.volumetric = [d for d in self.laws.deposits if d.share > 0]
-        self.inside = sum(d.share for d in self.volumetric)
+        self.inside = sum((d.share for d in self.volumetric), 0.0)
         self.weight, self.deep_cells = self._deposits()
         self.share = self._reference_fraction()
         self.boundary = BoundaryHeat(scene, self.laws, k)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ class Films(NamedTuple):
     each: list[list[tuple[float, float]]]
     resistance: np.ndarray  # (sites,) m2 K/W, inf where nothing passes
     far: np.ndarray  # (sites,) rise in K beyond the film
+    passing: list[int]  # sites where heat passes
 
 
 class BoundaryHeat:
@@ -30,13 +32,16 @@ class BoundaryHeat:
         self.scene, self.laws, mesh = scene, laws, scene.mesh
         self.k = conductivity
         self.names = list(laws.films)
+        self.sites = list(laws.films.values())
         parts = [mesh.patches[s] for s in self.names] or [(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))]
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell // mesh.n_across]
+        self.whole = [self.area[a:b].sum() for a, b in pairwise(self.offset)]  # m, of each site
         self.patched: dict[str, list] = {}
         for part, p, _ in laws.patches:
             self.patched.setdefault(part.site, []).append((part, p))
+        self.local = bool(laws.patches or laws.zones)  # whether a law sees place and contact: films see neither
         self._check()
 
     def _check(self) -> None:
@@ -56,30 +61,26 @@ class BoundaryHeat:
         films = {part.to for entries in self.laws.films.values() for part, _, _ in entries}
         return films | {part.to for part, _, _ in self.laws.patches + self.laws.zones} | {"air", "holder"}
 
-    def exchange(self, now, T, kf, q, led) -> None:
+    def exchange(self, now, films: Films, T, kf, q, led) -> None:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
-        films, n = self._films(now, T.dtype), len(self.names)
-        total, surface = np.zeros(n, dtype=T.dtype), np.zeros(n, dtype=T.dtype)
+        total, surface = np.empty((2, len(self.sites)), dtype=T.dtype)
         kernels_2d.exchange(
             self.offset, self.cell, self.area, self.half, kf, films.resistance, films.far, T, q, total, surface
         )
-        for s, site in enumerate(self.names):
-            if np.real(films.resistance[s]) < np.inf:
-                area = self.area[self.offset[s] : self.offset[s + 1]].sum()
-                self._book(site, films.each[s], total[s], surface[s], area, led)
+        for s in films.passing:
+            self._book(s, films.each[s], total[s], surface[s], led)
         for to, cells, heat in self._general(now, T + self.scene.ambient, kf):
             q[cells] += heat
             led[to] += heat.sum()
 
-    def slopes(self, now, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    def slopes(self, now, films: Films, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
         """(entry of the ledger, cells, d(heat)/dT in W/(m K)) of all heat at rises T (cells,)."""
-        films, out = self._films(now), []
-        for s, site in enumerate(self.names):
-            if films.resistance[s] < np.inf:
-                at = slice(self.offset[s], self.offset[s + 1])
-                cells = self.cell[at]
-                slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
-                out += [(to, cells, share * slope) for to, share in self._shares(site, films.each[s])]
+        out = []
+        for s in films.passing:
+            at = slice(self.offset[s], self.offset[s + 1])
+            cells = self.cell[at]
+            slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
+            out += [(to, cells, share * slope) for to, share in self._shares(s, films.each[s])]
         for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
             slope = np.imag(heat) / STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
@@ -102,7 +103,7 @@ class BoundaryHeat:
         at, inner = now.at(mesh, x, y), half / (self.k[cell // mesh.n_across] * kf[cell])
         film, far = np.inf, 0.0
         if site in self.names:
-            films, s = self._films(now, T.dtype), self.names.index(site)
+            films, s = self.films(now), self.names.index(site)
             film, far = films.resistance[s], films.far[s] + self.scene.ambient
         share = 1.0 / (1.0 + inner / film) if film > 0 else 0.0 * inner
         behind = T[cell] + (far - T[cell]) * (1.0 - share) if np.real(film) < np.inf else T[cell]
@@ -115,41 +116,43 @@ class BoundaryHeat:
 
         return behind + inner * share * patch_flux(law, behind, inner * share, at, None), share, at
 
-    def _films(self, now, dtype: type | np.dtype = float) -> Films:
+    def films(self, now) -> Films:
         """All films at a moment; those of a site act side by side."""
-        n = len(self.names)
-        out = Films([], np.empty(n, dtype=dtype), np.empty(n))
-        for s, site in enumerate(self.names):
-            each = [
+        each: list = []
+        resistance: list = []
+        far: list = []
+        passing: list[int] = []
+        for s, entries in enumerate(self.sites):
+            here = [
                 (part.law(now, p), (now.ambient if part.far is None else part.far(now, p)) - self.scene.ambient)
-                for part, p, _ in self.laws.films[site]
+                for part, p, _ in entries
             ]
-            h = sum(c for c, _ in each)
-            fixed = [far for c, far in each if c == np.inf]
-            out.resistance[s] = 1.0 / h if np.real(h) > 0 else np.inf
-            out.far[s] = (
-                fixed[0] if fixed else (np.real(sum(c * far for c, far in each) / h) if np.real(h) > 0 else 0.0)
-            )
-            out.each.append(each)
-        return out
+            h = sum(c for c, _ in here)
+            fixed = [beyond for c, beyond in here if c == np.inf]
+            each.append(here)
+            on = np.real(h) > 0
+            resistance.append(1.0 / h if on else np.inf)
+            far.append(fixed[0] if fixed else np.real(sum(c * beyond for c, beyond in here) / h) if on else 0.0)
+            if np.real(resistance[-1]) < np.inf:
+                passing.append(s)
+        return Films(each, np.array(resistance), np.array(far, dtype=float), passing)
 
-    def _book(self, site, each, total, surface, area, led) -> None:
+    def _book(self, s: int, each, total, surface, led) -> None:
         """Divide the heat of a site among its films by h (T_far - T_surface)."""
-        rest = total
-        passing = [(part, h, far) for (part, _, _), (h, far) in zip(self.laws.films[site], each, strict=True) if h != 0]
+        rest, site = total, self.names[s]
+        passing = [(part, h, far) for (part, _, _), (h, far) in zip(self.sites[s], each, strict=True) if h != 0]
         for j, (part, h, far) in enumerate(passing):
             last = j + 1 == len(passing) or h == np.inf
-            share = rest if last else h * (far * area - surface)
+            share = rest if last else h * (far * self.whole[s] - surface)
             led[_ledger(site, part)] += share
             rest = rest - share
             if last:
                 break
 
-    def _shares(self, site, each) -> list[tuple[str, float]]:
+    def _shares(self, s: int, each) -> list[tuple[str, float]]:
         """(ledger, share) of every film of a site that lets heat pass: one that holds the surface has all of it."""
-        passing = [
-            (_ledger(site, part), h) for (part, _, _), (h, _) in zip(self.laws.films[site], each, strict=True) if h
-        ]
+        site = self.names[s]
+        passing = [(_ledger(site, part), h) for (part, _, _), (h, _) in zip(self.sites[s], each, strict=True) if h]
         fixed = [to for to, h in passing if h == np.inf]
         total = sum(h for _, h in passing)
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]

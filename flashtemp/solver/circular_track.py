@@ -6,9 +6,9 @@ depth operator's eigenmodes, so that its cooling until the next pass is exact at
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
@@ -16,7 +16,6 @@ from scipy.linalg import eigh_tridiagonal
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
-from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.system import Incoming, Inflow, System
 
@@ -100,30 +99,54 @@ class Track:
         self.laid_place, self.laid_time = list(place[::-1]), [t] * len(place)
         self.laid, self.laid_lane = ([self._amplitudes(a) for a in columns[::-1]] for columns in (whole, lanes))
 
-    def lies(self, t: float, place: float, whole: bool = False) -> np.ndarray | None:
-        """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`; else None."""
-        if not self.laid or place > self.laid_place[-1]:
-            return None
-        k = min(max(int(np.searchsorted(self.laid_place, place)), 1), len(self.laid) - 1)
-        before, after = self.laid_place[k - 1 : k + 1]
-        w = min(max((place - before) / (after - before), 0.0), 1.0)
-        age = max(t - self.laid_time[k], 0.0)
-        apart = 0.0 if whole else np.exp(-age / self.lateral)
-        total = sum(part * (self.laid[j] + apart * self.laid_lane[j]) for j, part in ((k - 1, 1.0 - w), (k, w)))
-        total = np.exp(-self.rates * age)[:, None] * total
-        return (self.modes @ total / self.root[:, None]).ravel()
+    def comes(self, t: float, places, whole: bool = False) -> Incoming:
+        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)), off the track or from by the block.
+
+        Where it lay around the block at its start it is what it was `before` the block was on it.
+        """
+        if not self.laid or np.min(places) > self.laid_place[-1]:
+            return Incoming(self.carried(t, places, whole))
+        lies = self.lies(t, places, whole)
+        if np.max(places) <= self.laid_place[-1]:
+            return Incoming(0.0 * lies, before=lies)
+        around = places <= self.laid_place[-1]
+        return Incoming(np.where(around, 0.0, self.carried(t, places, whole)), before=np.where(around, lies, 0.0))
+
+    def lies(self, t: float, places, whole: bool = False) -> np.ndarray:
+        """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`."""
+        ways, last = np.ravel(places).tolist(), len(self.laid) - 1
+        after = [min(max(bisect_left(self.laid_place, way), 1), last) for way in ways]
+        before = [k - 1 for k in after]
+        low, high = (np.array([self.laid_place[k] for k in at]) for at in (before, after))
+        w = np.minimum(np.maximum((ways - low) / (high - low), 0.0), 1.0)[:, None, None]
+        age = np.maximum(t - np.array([self.laid_time[k] for k in after]), 0.0)
+        apart = 0.0 if whole else np.exp(-age / self.lateral)[:, None, None]
+        total = sum(
+            part * (_of(self.laid, at) + apart * _of(self.laid_lane, at))
+            for at, part in ((before, 1.0 - w), (after, w))
+        )
+        total = np.exp(-self.rates * age[:, None])[:, :, None] * total
+        rise: np.ndarray = self.modes @ total / self.root[:, None]
+        return rise.reshape(*np.shape(places)[:1], -1)
 
     def _amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
         return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
-    def carried(self, t: float, place: float, whole: bool = False) -> np.ndarray:
-        """Rise (n_road n_across,) in K of the road at `place` (m, unwrapped) coming round one lap later.
+    def carried(self, t: float, places, whole: bool = False) -> np.ndarray:
+        """Rise (n_road n_across,) in K of the road at `places` (m, unwrapped) coming round one lap later.
 
         Where the spots are, which the road holds: their lanes have not spread altogether; or of the `whole` width.
+        Of `places` (places, 1) that many rows.
         """
         apart = 0.0 if whole else 1.0
-        return self._found(t, place, lambda j, age: self.mean[j] + apart * np.exp(-age / self.lateral) * self.lane[j])
+
+        def amplitude(at: tuple[int, ...], age: np.ndarray) -> np.ndarray:
+            fade = apart * np.exp(-age / self.lateral)
+            mixed: np.ndarray = _of(self.mean, at) + fade[:, None, None] * _of(self.lane, at)
+            return mixed
+
+        return self._found(t, places, amplitude)
 
     def back(self, t: float, place: float, since: float, turned: float, share: float) -> Incoming:
         """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s).
@@ -131,34 +154,42 @@ class Track:
         Its lanes widen as long as they are under the block: those of road that comes back are what they were.
         """
 
-        def here(j: int) -> bool:
-            return since <= self.time[j] <= turned
+        def here(at: tuple[int, ...]) -> np.ndarray:
+            return np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
 
-        def mixed(j: int, age: float):
-            return 0.0 if here(j) else self.mean[j] + np.exp(-age / self.lateral) * self.lane[j]
+        def mixed(at: tuple[int, ...], age: np.ndarray):
+            fade = np.exp(-age / self.lateral)[:, None, None]
+            return np.where(here(at), 0.0, _of(self.mean, at) + fade * _of(self.lane, at))
 
-        def own(j: int, age: float):
-            return self.own[j] if here(j) else 0.0
+        def own(at: tuple[int, ...], age: np.ndarray):
+            return np.where(here(at), _of(self.own, at), 0.0)
 
-        def before(j: int, age: float):
-            return self.mean[j] - share * self.own[j] if here(j) else 0.0
+        def before(at: tuple[int, ...], age: np.ndarray):
+            return np.where(here(at), _of(self.mean, at) - share * _of(self.own, at), 0.0)
 
         return Incoming(*(self._found(t, place, law) for law in (mixed, own, before)))
 
-    def _found(self, t: float, place: float, amplitude: Callable[[int, float], Any]) -> np.ndarray:
-        before = place - self.lap
-        k = int(np.searchsorted(self.place, before, side="right"))
-        if k == 0 or not self.place:
-            return np.zeros(len(self.dz) * self.planes)
-        parts = [(k - 1, 1.0)]
-        if k < len(self.place):
-            w = (before - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
-            parts = [(k - 1, 1.0 - w), (k, w)]
-        total = np.zeros((len(self.dz), self.planes))
-        for j, weight in parts:
-            age = max(t - self.time[j], 0.0)
-            total += weight * np.exp(-self.rates * age)[:, None] * amplitude(j, age)
-        return (self.modes @ total / self.root[:, None]).ravel()
+    def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...], np.ndarray], np.ndarray]) -> np.ndarray:
+        """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
+        if not self.place:
+            return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
+        first, then = zip(*(self._around(place - self.lap) for place in np.ravel(places).tolist()), strict=True)
+        at, weight = zip(*first, *then, strict=True)
+        age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
+        fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
+        parts = fade[:, :, None] * amplitude(at, age)
+        rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
+        return rise.reshape(*np.shape(places)[:1], -1)
+
+    def _around(self, place: float) -> tuple[tuple[int, float], tuple[int, float]]:
+        """(number, weight) of the columns before and after a place: none where no road has passed yet."""
+        k, last = bisect_right(self.place, place), len(self.place) - 1
+        if k == 0:
+            return (0, 0.0), (0, 0.0)
+        if k > last:
+            return (last, 1.0), (last, 0.0)
+        w = (place - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
+        return (k - 1, 1.0 - w), (k, w)
 
     def turn(self, slid: float, mesh: Mesh) -> None:
         """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
@@ -180,6 +211,11 @@ class Track:
                 self.mean.append(0.0 * self.mean[n - 1])
                 self.lane.append(0.0 * self.lane[n - 1])
                 self.own.append(0.0 * self.own[n - 1])
+
+
+def _of(columns: list, at: Iterable[int]) -> np.ndarray:
+    """Some of the columns that a track keeps, (columns, n_road, n_across)."""
+    return np.array([columns[j] for j in at])
 
 
 def remembers(scene: Scene) -> bool:
@@ -214,8 +250,7 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
     def carried(now, whole=False):
         place = now.passed - scene.mesh.x[0]
         if phase.turned < since:
-            lies = track.lies(now.t, place, whole)
-            return Incoming(track.carried(now.t, place, whole)) if lies is None else Incoming(0.0 * lies, before=lies)
+            return track.comes(now.t, place, whole)
         return track.back(now.t, place, since, phase.turned, balance.share)
 
     return carried
@@ -232,7 +267,8 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
-    lane = np.tile(lanes.everywhere(scene.mesh, system.contact(now, y).state.lane)[-1], scene.mesh.n_road)
+    lane = np.tile(system.lanes(now, y)[-1], scene.mesh.n_road)
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
     entering, whole = (system.came_as(now, at, which)[0] - drift for which in (False, True))
     track.leave(t, place, column - drift, entering, b.share, lane, whole)
+    system.recent.forget()

@@ -107,8 +107,9 @@ class Plane:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
         b, lines, (gx, gz) = self.b, self.lines, conductances
         kernels_2d.heat_flows(
-            lines.start, lines.m, gx, gz, carry, b.slope, T, h, T_in.astype(T.dtype), h_in.astype(T.dtype), b.g_in, q
-        )
+            lines.start, lines.m, gx, gz, carry, b.slope, T, h, T_in.astype(T.dtype, copy=False),
+            h_in.astype(T.dtype, copy=False), b.g_in, q,
+        )  # fmt: skip
         q /= b.capacity
 
     def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedPlane:

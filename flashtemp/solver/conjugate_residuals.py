@@ -7,10 +7,12 @@ One sweep alone leaves out how widening lanes answer: what it leaves grows from 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from flashtemp.solver.system import Linearised, Moved
+from flashtemp.solver.linearised import Linearised, Moved
 
 SOLVED, SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
+SUM = {"reassoc", "contract", "nsz"}
 
 
 def solve(at: Linearised | Moved, size: int, ledger: int, R: np.ndarray) -> np.ndarray:
@@ -18,34 +20,55 @@ def solve(at: Linearised | Moved, size: int, ledger: int, R: np.ndarray) -> np.n
 
     The ledger, from entry `ledger` on, follows the rest exactly.
     """
-    X = np.empty_like(R)
-    for k, r in enumerate(R):
-        X[k] = _solved(at, np.append(r, np.zeros(size - len(r))), ledger)[: len(r)]
+    X, (ways, answers) = np.empty_like(R), np.empty((2, SWEEPS, size))
+    r = np.empty(size)
+    for k, given in enumerate(R):
+        r[: len(given)], r[len(given) :] = given, 0.0
+        X[k] = _solved(at, r, ledger, ways, answers)[: len(given)]
     return X
 
 
-def _solved(at: Linearised | Moved, r: np.ndarray, ledger: int) -> np.ndarray:
-    """One solution (state,); r is its right-hand side and becomes what is left."""
+def _solved(at: Linearised | Moved, r: np.ndarray, ledger: int, ways: np.ndarray, answers: np.ndarray) -> np.ndarray:
+    """One solution (state,); r is its right-hand side and becomes what is left; `ways`, `answers` is room for them."""
     x = np.zeros_like(r)
-    found: list[tuple[np.ndarray, np.ndarray]] = []
     enough = SOLVED * np.linalg.norm(r[:ledger])
-    for _ in range(SWEEPS):
-        z, w = np.zeros_like(r), np.empty_like(r)
-        at.solve(r, z)
-        at.times(z, w)
-        w = z - at.gamma * w
-        for way, answer in found:
-            share = answer[:ledger] @ w[:ledger]
-            w -= share * answer
-            z -= share * way
-        size = np.linalg.norm(w[:ledger])
-        if not size > 0.0:
-            break
-        found.append((z / size, w / size))
-        share = r[:ledger] @ found[-1][1][:ledger]
-        x += share * found[-1][0]
-        r -= share * found[-1][1]
-        if np.linalg.norm(r[:ledger]) <= enough:
+    for n in range(len(ways)):
+        at.solve(r, ways[n])
+        at.times(ways[n], answers[n])
+        if _nearer(ways[: n + 1], answers[: n + 1], at.gamma, ledger, r, x) <= enough:
             break
     x[ledger:] += r[ledger:]
     return x
+
+
+@njit(cache=True, fastmath=SUM)
+def _nearer(ways, answers, gamma, ledger, r, x):
+    """Size of what is left of r once x went the last of the `ways`, at whose place in `answers` stands J times it.
+
+    Way and answer are made orthogonal to those before, and of size 1; 0 where the way leads nowhere.
+    """
+    way, answer, before = ways[-1], answers[-1], len(ways) - 1
+    for i in range(len(r)):
+        answer[i] = way[i] - gamma * answer[i]
+    for n in range(before):
+        share = 0.0
+        for i in range(ledger):
+            share += answers[n, i] * answer[i]
+        for i in range(len(r)):
+            answer[i] -= share * answers[n, i]
+            way[i] -= share * ways[n, i]
+    square = share = 0.0
+    for i in range(ledger):
+        square += answer[i] * answer[i]
+        share += r[i] * answer[i]
+    if not square > 0.0:
+        return 0.0
+    size, left = np.sqrt(square), 0.0
+    for i in range(len(r)):
+        way[i] /= size
+        answer[i] /= size
+        x[i] += share / size * way[i]
+        r[i] -= share / size * answer[i]
+    for i in range(ledger):
+        left += r[i] * r[i]
+    return np.sqrt(left)

@@ -11,7 +11,6 @@ Where spots are resolved A = h_R, and block and road are heated through what is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +18,12 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver import kernels_contact
+from flashtemp.solver.kernels_contact import alike
 from flashtemp.solver.road_frame import Overlap
 
 
-@dataclass(frozen=True)
-class ContactState:
+class ContactState(NamedTuple):
     """What the contact laws give along the block (lines,), apart from temperature.
 
     `m` = p v/phi (W/m2 per unit mu) of the spots, `phi` contact fraction and `covered` its mean over the length,
@@ -44,7 +44,7 @@ class ContactState:
     lane: np.ndarray
     fall: np.ndarray
     widen: np.ndarray
-    split: float
+    split: np.ndarray
     inside: float
     deep: np.ndarray
     block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
@@ -86,33 +86,31 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
-    A = state.half * half_block + state.flash + state.micro
-    g = 1.0 / (A + half_road + state.r)
-    drop = T0 - Ts
-    way = state.split * state.r + half_road
-    a, b = T0 - A * g * drop, A * g * way
-    turn = ((1.0 - A * g) * state.deep - b * state.inside) / b  # heat in depth over heat at the face, less 1
-
+    half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = alike(
+        state.half, state.flash, state.micro, state.r, state.split, state.deep, state.m, T0, Ts, half_block, half_road
+    )
+    solved = kernels_contact.eliminated(
+        half, flash, micro, r, split, deep_flash, m, state.inside, parted is not None, T0, Ts, half_block, half_road
+    )
+    a, gain, turn = solved[4:]
     seen: list[Any] = [None, None, None]  # where both laws were asked last, and their answers
 
     def warming(T, face, apart=False):
         seen[:] = T, friction(T, face, apart), parted(T, face, apart)
         return seen[1] * (1.0 + (np.real(turn) if apart else turn) * seen[2])
 
-    if parted is None:
-        law, gain, s = friction, b * (1.0 + turn) * state.m, 1.0
-        T, mu, own = _spot_temperature(a, gain, T0, law, guess)
-    else:
-        law, gain = warming, b * state.m
-        T, _, own = _spot_temperature(a, gain, T0, law, guess)
+    T, mu, own = _spot_temperature(a, gain, T0, friction if parted is None else warming, guess)
+    s = mu
+    if parted is not None:
         mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(seen[0], seen[1], seen[2], T)
-    q = state.m * mu
-    deep = state.inside * s * q
-    J = g * (way * (q - deep) - state.deep * s * q - drop)
-    S = q - deep - J
-    out = Fluxes(J, S, q, deep, mu, T, T - state.micro * J, Ts + half_road * S)
+    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = alike(T, mu, s, solved, m, deep_flash, micro, Ts, half_road)
+    J, S, q, deep, spot, lane, s = kernels_contact.settled(
+        T, mu, s, parted is not None, solved, m, state.inside, deep_flash, micro, Ts, half_road
+    )
+    out = Fluxes(J, S, q, deep, mu, T, spot, lane)
     if not slopes:
         return out, None
+    Ag, g, _, way = solved[:4]
 
     def along(law, own=None):
         """Derivative of a law of both temperatures along the solution."""
@@ -122,8 +120,9 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     def beside(law):
         return law(T, T0 + 1j * STEP, True).imag / STEP
 
+    law = friction if parted is None else warming
     rise = 1.0 / (1.0 - gain * own)
-    dT = rise * (1.0 - A * g + gain * beside(law)), rise * (A * g * state.lane)
+    dT = rise * (1.0 - Ag + gain * beside(law)), rise * (Ag * state.lane)
     dmu, ds = (along(friction, own), (0.0, 0.0)) if parted is None else (along(friction), along(parted))
     dq = tuple(state.m * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
@@ -141,23 +140,19 @@ def _carried(at, mu, s, T):
 
 def _spot_temperature(a, b, face, friction, guess):
     """Solve T = a + b mu(T, face) for every line; derivatives of a, b and face pass through exactly."""
-    T = np.array(np.real(a) if guess is None else guess)
+    T = np.real(a) if guess is None else guess
     derived = any(np.iscomplexobj(v) for v in (a, b, face))
+    cold = np.real(face)
     for attempt in range(60):
-        value = friction(T + 1j * STEP, np.real(face), True)
-        mu, dmu = value.real, value.imag / STEP
-        if not np.any(dmu):
+        value = friction(T + 1j * STEP, cold, True)
+        depends, last, (T, mu, dmu, step) = kernels_contact.newton(T, value, a, b, STEP, 0.5 if attempt > 15 else 1.0)
+        if not depends:
             mu = friction(a, face)
-            return a + b * mu, mu, np.zeros_like(np.real(a))
-        slope = 1.0 - b.real * dmu
-        step = (T.real - a.real - b.real * mu) / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
-        if attempt > 15:
-            step = 0.5 * step
-        T = T - step
-        if np.all(np.abs(step) <= 1e-8 * np.abs(T)):  # the next step would be its square
+            return a + b * mu, mu, dmu
+        if last:
             if derived:  # one complex step at the solution carries the derivative
                 mu = friction(T, face)
-                turn = (T - a - b * mu) / slope
+                turn = (T - a - b * mu) / (1.0 - b.real * dmu)
                 T, mu = T - turn, mu - dmu * turn
             else:
                 mu = mu + dmu * (-step)

@@ -5,19 +5,24 @@ Pressure is consistent with load and moment at every instant; contact laws are t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.solver import contact_flux, lanes
-from flashtemp.solver.abrasion import AbrasionCoupling, Answer, slope
+from flashtemp.model.scene import Moment
+from flashtemp.solver import contact_flux, kernels_contact, lanes
+from flashtemp.solver.abrasion import AbrasionCoupling, Answer, Pattern, pattern, slope
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.kernels_contact import alike, columns
+from flashtemp.solver.recent import Recent, same
 from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Press
 
+SCHEDULED = Moment._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
 RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
 LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
@@ -31,29 +36,6 @@ class Contact(NamedTuple):
     slopes: contact_flux.Slopes | None = None
 
 
-@dataclass
-class Recent:
-    """What an interface was asked last, with the answers: the one thing of a system that calls change.
-
-    It stays because a step asks for the same contact laws several times, and because Newton's iterations start best
-    where the last ended.  An answer depends on it by Newton's tolerance at most.
-    """
-
-    when: tuple = ()  # all that pressure and contact laws saw
-    shape: np.ndarray | None = None  # pressure over its mean (columns,)
-    fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
-    spread: tuple = ()
-    way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
-    memory: tuple = ()
-    touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
-    friction: float = 0.0  # load-weighted, where the holder turns
-
-    def forget(self, when: tuple) -> None:
-        """Forget answers of laws that see something else now."""
-        if when != self.when:
-            self.when, self.shape, self.fraction = when, None, None
-
-
 @dataclass(frozen=True)
 class Interface:
     """Pressure and contact laws under the block of a balance."""
@@ -63,13 +45,24 @@ class Interface:
 
     # --- pressure ------------------------------------------------------------------------------
     def contact(self, now, worn, T, T_in, kf, slopes: bool = False) -> Contact:
-        """Settle the block, worn by `worn` (columns,) m, on the road and solve the contact.
+        """Settle the block on the road and solve the contact.
 
-        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.  While the
-        block is lifted there are no fluxes.
+        While the block is lifted there are no fluxes.
+        """
+        now, press, state = self.settled(now, worn, T, T_in, kf)
+        if not now.touching:
+            return Contact(state, press)
+        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
+        self.recent.touch = np.real(flux.touch)
+        return Contact(state, press, flux, slope)
+
+    def settled(self, now, worn, T, T_in, kf) -> tuple[Moment, Press, contact_flux.ContactState]:
+        """The block, worn by `worn` (columns,) m, on the road: the moment as laws see it, pressure and contact laws.
+
+        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.
         """
         b = self.b
-        now = now._replace(worn=worn if b.abrades else None)
+        now = now.seeing(worn=worn) if b.abrades else now
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
         if b.expansion:
             free = free + b.foundation.stiffness * b.swelling(T)
@@ -80,12 +73,7 @@ class Interface:
             moment = moment * mean
             free = free if sheared is None else free + mean * sheared
         press = b.foundation.settle(free, now.pressure, moment, turning)
-        state = self.state(now, press.pressure, T)
-        if not now.touching:
-            return Contact(state, press)
-        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
-        self.recent.touch = np.real(flux.touch)
-        return Contact(state, press, flux, slope)
+        return now, press, self.state(now, press.pressure, T)
 
     def _pressed(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
@@ -110,6 +98,8 @@ class Interface:
 
     def _turning(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
+        if not self.b.laws.has("holder.compliance"):
+            return np.inf, 0.0
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         bed, width = self.b.foundation, self.b.scene.width
         give = compliance * width * bed.stiffness * bed.length
@@ -154,30 +144,37 @@ class Interface:
 
     def state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
+        face = None if T is None else T[self.b.cell_block] + self.b.scene.ambient
+        seen = (None if a is None else same(a) for a in (now.worn, local, face))
+        asked = (*now[:SCHEDULED], now.passed, now.leg, *seen)
+        if self.recent.state is None or asked != self.recent.asked:
+            self.recent.asked, self.recent.state = asked, self._state(now, local, face)
+        return self.recent.state
+
+    def _state(self, now, local, face) -> contact_flux.ContactState:
+        """Contact laws at a local pressure and temperatures (columns,) K of the block's face."""
         self._recall(now)
-        laws, mesh, recent = self.b.laws, self.b.scene.mesh, self.recent
-        now = now.under(mesh, local_pressure=local)
-        if T is not None:
-            now = now._replace(face=T[self.b.cell_block] + self.b.scene.ambient)
-        phi = laws("contact.spot_fraction", 0.0, None, now) * np.ones(len(local))
-        phi = np.where(np.real(phi) < 1e-6, 1e-6, np.where(np.real(phi) > 1.0, 1.0, phi))
+        laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.recent, len(local)
+        now = now.under(mesh, local_pressure=local, face=face)
+        phi = laws("contact.spot_fraction", 0.0, None, now)
+        phi = kernels_contact.between(columns(phi, n), 1e-6, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
         last = recent.fraction
-        if last is None or phi.dtype != last.dtype or not np.array_equal(phi, last):
+        if last is None or phi.dtype != last.dtype or phi.tobytes() != last.tobytes():
             covered = phi @ mesh.column_area / mesh.column_area.sum()
-            seen = now._replace(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.fraction, recent.spread = phi, (covered, *self._spread(seen))
-        covered, flash, deep, widen = recent.spread
-        lane, fall = lanes.in_contact(self.b, phi, now, self._memory)
-        light = local / max(LIGHT * now.pressure, 1e-300)
-        light = np.where(np.real(light) < 1e-9, 1e-9, np.where(np.real(light) > 500.0, 500.0, light))
-        speed = now.speed if now.touching else 0.0
+            seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
+            recent.fraction, recent.spread = phi, (covered, *self._spread(seen), lanes.even(self.b, phi))
+        covered, flash, deep, widen, even = recent.spread
+        lane, fall = lanes.in_contact(self.b, phi, now, self._memory) if even is None else even
+        speed, least = now.speed if now.touching else 0.0, max(LIGHT * now.pressure, 1e-300)
+        on, over = alike(local, phi)
+        m, light, road = kernels_contact.pressed(on, over, speed, least, self.b.share)
         state = contact_flux.ContactState(
-            m=local * speed / phi, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light),
-            flash=flash, micro=micro, lane=lane, fall=fall, widen=widen, split=split, inside=self.b.inside, deep=deep,
-            block=phi, road=phi / self.b.share, half=phi, under=Overlap(self.b.cell_road),
+            m=m, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light), flash=flash,
+            micro=columns(micro, n), lane=lane, fall=fall, widen=widen, split=columns(split, n),
+            inside=self.b.inside, deep=deep, block=phi, road=road, half=phi, under=Overlap(self.b.cell_road),
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
 
@@ -192,8 +189,7 @@ class Interface:
             raise SolverFailure("no spot is under the block; give more or larger spots")
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
         block = state.block + w * (cover - state.block)
-        return replace(
-            state,
+        return state._replace(
             m=state.m + w * (load - 1.0) * state.m,
             phi=state.phi + w * (cover - state.phi),
             covered=state.covered + w * (1.0 - state.covered),
@@ -213,12 +209,12 @@ class Interface:
         """Share of every column that spots cover, the road under it, `RoadFrame.edge` and `ContactState.rim`."""
         b, frame, mesh = self.b, self.b.road_frame, self.b.scene.mesh
         edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strips(now.passed)
-        cover = b.laws("contact.cover", 0.0, None, now._replace(lead=edges))
+        cover = b.laws("contact.cover", 0.0, None, now.seeing(lead=edges))
         if frame is None:
             return cover, Overlap(b.cell_road), 0.0, 0.0
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
         under = frame.overlap(now.passed, b.cell_road, area)
-        bare = 1.0 - b.laws("contact.cover", 0.0, None, now._replace(lead=frame.edges(now.passed)))
+        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.seeing(lead=frame.edges(now.passed)))
         passed = np.minimum(now.contact_time, now.waited + mesh.column_x / max(now.last_speed, 1e-300))
         rim = frame.rim(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
         cover = (area[::2] + area[1::2]).ravel() / frame.dx
@@ -242,6 +238,16 @@ class Interface:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
         return flash, deep, lanes.loss(self.b, now, self.b.scene.mesh.depth)
 
+    def loss_at_depth(self, state, now) -> np.ndarray:
+        """`lanes.loss_at_depth` at a state: it stays while what else follows from the contact fraction alone does."""
+        recent = self.recent
+        if state.phi is not recent.fraction:
+            return lanes.loss_at_depth(self.b, self.at(state, now))
+        if not recent.deeper or recent.deeper[0] is not recent.spread:
+            recent.deeper = recent.spread, lanes.loss_at_depth(self.b, self.at(state, now))
+        weights: np.ndarray = recent.deeper[1]
+        return weights
+
     def at(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
         return now.under(
@@ -257,13 +263,13 @@ class Interface:
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
-            bare = at._replace(
+            bare = at.seeing(
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
         def law(target, base):
             def at_temperatures(T, face, apart=False):
-                return laws(target, base, T, (bare if apart else at)._replace(face=face)) + 0.0 * T
+                return laws(target, base, T, (bare if apart else at).seeing(face=face)) + 0.0 * T
 
             return at_temperatures
 
@@ -271,8 +277,8 @@ class Interface:
             state,
             T[b.cell_block] + ambient,
             lanes.rises(b, state, T, T_in) + ambient,
-            b.half_block / kf[b.cell_block],
-            b.half_road / kf[b.cell_road] + state.rim,
+            b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
+            (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
             law("friction.mu", 0.0),
             law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
             self.recent.touch,
@@ -282,19 +288,19 @@ class Interface:
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
-        at = self.at(state, now)._replace(friction=flux.mu)
-        return now.speed * self.b.laws("block.abrasion", 0.0, flux.spot, at) * np.ones(len(at.x))
+        at = self.at(state, now).seeing(friction=flux.mu)
+        return now.speed * columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
     def abrasion_coupling(self, contact: Contact, now, worn, T, T_in, kf, gamma: float) -> AbrasionCoupling:
         """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""
         b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
-        now = now._replace(worn=worn if b.abrades else None)
+        now = now.seeing(worn=worn) if b.abrades else now
         pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, T_in, kf)
-        seen = self.at(contact.state, now._replace(worn=worn + 1j * STEP if b.abrades else None))
+        seen = self.at(contact.state, now.seeing(worn=worn + 1j * STEP) if b.abrades else now)
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
-        deeper = replace(contact.state, r=contact.state.r + thicker) if np.any(thicker) else None
+        deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
         spot, mu = (
             slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))
@@ -310,12 +316,20 @@ class Interface:
             undo=response.solver(gamma * pressed.abrasion),
         )
 
+    @cached_property
+    def _pattern(self) -> Pattern:
+        """Of answers where the road lies on the block's lines."""
+        return pattern(self.b, Overlap(self.b.cell_road))
+
     def _answer(self, state, now, T, T_in, kf) -> Answer:
         """How heat and abrasion follow what has a complex step in the state."""
         flux, _ = self.fluxes(state, now, T, T_in, kf)
         area = self.b.scene.mesh.column_area
         road = flux.into_road * area
-        return Answer(
+        return Answer.of(
+            self._pattern if state.under.other is None else pattern(self.b, state.under),
+            self.b,
+            state.under,
             face=slope(state.block * flux.into_block * area),
             deep=slope(state.block * flux.deep * area),
             road=slope(state.road * road),

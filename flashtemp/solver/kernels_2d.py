@@ -245,21 +245,6 @@ def sweep(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high,
 
 
 @njit(cache=True)
-def fall(start, widen, T, T_in, out):
-    """Add to `out` (lines, planes) the sum of `widen` (m,) times the rises of lines of road over the entering road.
-
-    `start` (lines,) their deepest cells; `T` (n_plane, planes), `T_in` (m, planes).
-    """
-    low = 0
-    while widen[low] == 0.0:
-        low += 1
-    for i in range(len(start)):
-        for k in range(low, len(widen)):
-            for j in range(out.shape[1]):
-                out[i, j] += widen[k] * (T[start[i] + k, j] - T_in[k, j])
-
-
-@njit(cache=True)
 def add_slopes(cell, slope, road, block, own, up, down, v, lane, rate):
     """Add the linearised boundary and contact laws to `rate`: on the diagonal at `cell`, and across the interface.
 

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh, centres
-from flashtemp.solver import kernels_2d
+from flashtemp.solver import kernels_contact
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.kernels_contact import alike
 
 SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
 TRACE = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
@@ -27,8 +28,6 @@ def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[
     both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
     (columns,) is the contact fraction; `memory` gives the `weights` of a distance slid (m) since the last turn.
     """
-    if np.isrealobj(phi) and np.ptp(phi) == 0.0:
-        return b.share / phi, np.ones(len(phi))
     mesh = b.scene.mesh
     phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
     least = SPARSE * phi.mean(axis=0)
@@ -47,6 +46,11 @@ def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[
             out[:, weights[0] @ pressed == 0.0, j] = 1.0 / b.share
     warm, lost = out.reshape(2, -1)
     return b.share * warm, lost / warm
+
+
+def even(b: Balance, phi) -> tuple[np.ndarray, np.ndarray] | None:
+    """What `in_contact` gives wherever spots cover as much everywhere; None where they do not."""
+    return (b.share / phi, np.ones(len(phi))) if np.isrealobj(phi) and np.ptp(phi) == 0.0 else None
 
 
 def way(mesh: Mesh, slid: float) -> float:
@@ -105,26 +109,19 @@ def loss_at_depth(b: Balance, now) -> np.ndarray:
     return (1.0 - b.laws("contact.resolved", 0.0, None, now)) * loss(b, now, apart)
 
 
-def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray | float:
+def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray:
     """By how much (columns,) K widening lowers the surface of a column, at a `ContactState`.
 
     `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
     """
-    if not state.widen.any():
-        return 0.0
-    mesh = b.scene.mesh
     T_in = b.no_inflow if T_in is None else T_in
-    shape = mesh.last - mesh.first, mesh.n_across
-    out = np.zeros(shape, dtype=np.result_type(state.widen, T, T_in))
-    start = mesh.start[mesh.first : mesh.last]
-    kernels_2d.fall(start, state.widen, mesh.planes(T), T_in.reshape(mesh.n_road, -1), out)
-    lowered: np.ndarray = state.fall * out.ravel()
+    widen, fall, *_ = alike(state.widen, state.fall, T[:1], T_in[:1])
+    lowered: np.ndarray = kernels_contact.fallen(b.under, widen, fall, T, T_in)
     return lowered
 
 
 def rises(b: Balance, state: Any, T, T_in) -> np.ndarray:
     """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over road entering at T_in."""
-    mesh = b.scene.mesh
-    under = np.tile(T_in[-mesh.n_across :], mesh.last - mesh.first)
-    found: np.ndarray = under + state.lane * (state.under.seen(T) - under - fallen(b, state, T, T_in))
+    seen, fresh = state.under.seen(T), T_in[-b.scene.mesh.n_across :]
+    found: np.ndarray = kernels_contact.lane_rises(*alike(state.lane, fallen(b, state, T, T_in), seen, fresh))
     return found

@@ -22,7 +22,7 @@ def check(system: System, t: float, T, *, hottest: float) -> None:
     `T` may be of cells or of any profile.
     """
     ambient = system.b.scene.ambient
-    high, low = float(np.max(T)), float(np.min(T))
+    high, low = float(T.max()), float(T.min())
     if high + ambient > hottest:
         raise SolverFailure(
             f"{high + ambient - KELVIN:.4g} degC is above limits.temperature = {hottest - KELVIN:g} degC, and rubber "

@@ -139,7 +139,7 @@ def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
     fresh = entering.reshape(mesh.n_road, -1)
     cells, excess = T + C0, mesh.planes(T)[mesh.road] - fresh
-    fallen = np.einsum("jk,ikp->ijp", lanes.loss_at_depth(system.b, system.interface.at(contact.state, moment)), excess)
+    fallen = system.interface.loss_at_depth(contact.state, moment) @ excess
     lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
     mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fall * fallen)
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()

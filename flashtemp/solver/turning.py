@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import inflow, leave
 from flashtemp.solver.progress import Progress
@@ -61,7 +60,7 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     if now.track is not None and now.track.endless:
         now.track.forget()
     elif now.track is not None:
-        lane = lanes.everywhere(mesh, system.contact(moment, y).state.lane)[:, None]
+        lane = system.lanes(moment, y)[:, None]
         apart = (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
         left, above = (
             balance.laws("road.inflow", 0.0, None, moment._replace(carried=part * (road - entering)))

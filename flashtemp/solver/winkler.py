@@ -10,12 +10,14 @@ turn (theory 7.1).  With f = p_mean shape - k_n w, the pressure of the worn bloc
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from flashtemp.errors import SolverFailure
+from flashtemp.solver import kernels_contact
 
 
 class Press(NamedTuple):
@@ -36,13 +38,24 @@ class Foundation:
     length: float
     stiffness: float
 
+    @cached_property
+    def _xi(self) -> np.ndarray:
+        """1 at the leading edge (lines,), -1 at the trailing one."""
+        xi: np.ndarray = 1.0 - 2.0 * self.x / self.length
+        return xi
+
+    @cached_property
+    def _whole(self) -> float:
+        """Length of all lines, m."""
+        return float(self.dx.sum())
+
     def settle(self, free, mean: float, moment=0.0, turning: float = np.inf) -> Press:
         """Pressure that carries the `mean` (Pa) and, where `turning` K is finite, the `moment` (N per m).
 
         `free` f (lines,) Pa.  Lines that would have to pull are lifted off.  Complex f or moment
         pass their derivative on.  Raises SolverFailure when the block tips over.
         """
-        load = mean * self.dx.sum()
+        load = mean * self._whole
         if load == 0:
             return Press(0.0 * free, 0.0, np.zeros(len(free), dtype=bool), np.inf)
         guided = turning == np.inf
@@ -50,12 +63,10 @@ class Foundation:
             return Press(free, 0.0, np.ones(len(free), dtype=bool), turning)  # carried as it is: not a bit changes
         if np.iscomplexobj(free) or np.iscomplexobj(moment):
             free, moment = free + 0j, moment + 0j
-        xi, touching = 1.0 - 2.0 * self.x / self.length, np.ones(len(free), dtype=np.bool_)
-        stiff = 0.0 if guided else turning
-        c, t, found = _balance(free, self.dx, xi, 0.5 * self.length, load, moment, stiff, guided, touching)
+        stiff, touching, pressure = 0.0 if guided else turning, np.ones(len(free), dtype=np.bool_), np.empty_like(free)
+        t, found = _balance(free, self.dx, self._xi, 0.5 * self.length, load, moment, stiff, guided, touching, pressure)
         if not found:
             raise SolverFailure("the friction moment tips the block over its edge: no pressure carries it")
-        pressure = np.where(touching, free + c + t * xi, 0.0)
         if abs(pressure.real @ self.dx - load) > 1e-8 * load:
             raise SolverFailure("no pressure was found that carries load and friction moment; stiffen the holder")
         return Press(pressure, t, touching, turning)
@@ -66,7 +77,7 @@ class Foundation:
         U, V = on[:, None], (self.dx * on)[None]
         G = V @ U if press.touching.any() else np.eye(1)  # no load: nothing answers
         if press.turning < np.inf and press.touching.any():
-            xi = 1.0 - 2.0 * self.x / self.length
+            xi = self._xi
             U = np.stack([on, xi * on], axis=1)
             V = np.stack([self.dx * on, 0.5 * self.length * xi * self.dx * on])
             G = V @ U + np.diag([0.0, press.turning])
@@ -87,8 +98,15 @@ class Response:
 
     def __call__(self, worn: np.ndarray) -> np.ndarray:
         """Change of pressure (lines,) Pa by a change of worn depth (lines,) m."""
-        free = -self.K * worn
-        return free - self.U @ np.linalg.solve(self.G, self.V @ free)
+        free: np.ndarray = -self.K * worn
+        kernels_contact.respond(self._spread, self.V, free)
+        return free
+
+    @cached_property
+    def _spread(self) -> np.ndarray:
+        """U G^-1 (lines, m)."""
+        spread: np.ndarray = self.U @ np.linalg.inv(self.G)
+        return spread
 
     def solver(self, gain: np.ndarray):
         """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (lines,) m/Pa."""
@@ -103,8 +121,8 @@ class Response:
 
 
 @njit(cache=True)
-def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
-    """Approach c and tilt t; writes the lines in contact.  Newton on the set of those lines: finite."""
+def _balance(free, dx, xi, lever, load, moment, turning, guided, touching, pressure):
+    """Tilt t, and whether it was found; writes which lines touch, and their pressure.  Newton on that set: finite."""
     n = len(free)
     c, t = 0.0 * free[0] + 0.0 * moment, 0.0 * free[0] + 0.0 * moment
     for attempt in range(200):
@@ -118,7 +136,7 @@ def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
                 r -= free[i] * dx[i]
                 s -= lever * xi[i] * free[i] * dx[i]
         if a <= 0.0:
-            return c, t, False
+            return t, False
         leaning = False
         if guided:
             new_c, new_t = r / a, 0.0 * r
@@ -138,5 +156,7 @@ def _balance(free, dx, xi, lever, load, moment, turning, guided, touching):
             same = same and touches == touching[i]
             touching[i] = touches
         if same and not leaning and (attempt <= 30 or attempt > 80):
-            return c, t, True
-    return c, t, False
+            for i in range(n):
+                pressure[i] = free[i] + c + t * xi[i] if touching[i] else 0.0
+            return t, True
+    return t, False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,7 +73,7 @@ def test_colder_than_all_that_cools_is_a_failure(folder, monkeypatch):
 
     def drawing(self, now, local, T=None):
         state = contact(self, now, local, T)
-        return replace(state, m=-state.m)  # friction that takes heat away
+        return state._replace(m=-state.m)  # friction that takes heat away
 
     monkeypatch.setattr(Interface, "state", drawing)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):

@@ -1,0 +1,56 @@
+"""What a system and its interface were asked last, with the answers: all of a system that calls change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flashtemp.model.scene import Moment
+from flashtemp.solver.boundary_heat import Films
+from flashtemp.solver.contact_flux import ContactState
+
+
+@dataclass
+class Latest:
+    """The moment that a system was asked about last, with what enters and all films: a step asks several times."""
+
+    now: Moment | None = None
+    entering: dict[bool, np.ndarray] = field(default_factory=dict)  # of the lanes, and of the whole width
+    filmed: tuple = ()  # all that the films saw
+    films: Films | None = None
+    walls: tuple[Films, list] | None = None  # films, and their slopes
+
+    def forget(self, now: Moment | None = None) -> None:
+        """Another moment has come, or the track has changed."""
+        self.now, self.entering = now, {}
+
+
+@dataclass
+class Recent:
+    """What an interface was asked last, with the answers: a step asks for the same contact laws several times.
+
+    Newton's iterations start best where the last ended, so that an answer depends on it by Newton's tolerance at most.
+    """
+
+    when: tuple = ()  # all that pressure and contact laws saw
+    asked: tuple = ()  # all that the last state followed from, and the state
+    state: ContactState | None = None
+    shape: np.ndarray | None = None  # pressure over its mean (columns,)
+    fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
+    spread: tuple = ()
+    deeper: tuple = ()  # the spread, and `lanes.loss_at_depth` with it
+    way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
+    memory: tuple = ()
+    touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
+    friction: float = 0.0  # load-weighted, where the holder turns
+
+    def forget(self, when: tuple) -> None:
+        """Forget answers of laws that see something else now."""
+        if when != self.when:
+            self.when, self.shape, self.fraction = when, None, None
+
+
+def same(values: np.ndarray) -> tuple:
+    """What is equal for equal values alone."""
+    return values.dtype, values.tobytes()

@@ -243,6 +243,10 @@ def check(view: View, scene: Scene) -> None:
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
+    if view.recording.view == "sidewall" and scene.layers:
+        raise BadInput(
+            f"{view.file}: view: the side wall of a block with layers is not modelled; give points, a wake or a profile"
+        )
     if view.recording.places is not None:
         point_observation.check(view.recording.places, scene, view.file)
     near = ROUNDED * schedule.end

@@ -16,7 +16,8 @@ from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.model.build import first_cells, layer_cells
+from flashtemp.model import layers
+from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
 
@@ -118,7 +119,7 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
     refine = refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
     return (
         window(case, condition.views)
-        | layer_cells(case.scene, case.values["numerics"])
+        | layers.cells(case.scene, case.values["numerics"])
         | {
             "road.depth": float(max(m.depth[-1] for m in meshes)),
             "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,

@@ -11,9 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
-from flashtemp.meshes.grading import LEAST
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model import layers
 from flashtemp.model.laws import Laws, laws_mean
@@ -23,7 +22,7 @@ from flashtemp.model.schema import TABLES, refinement
 from flashtemp.physics import contributions
 from flashtemp.physics.effect import Deposit, Effect, Term
 from flashtemp.physics.interpolation import pairs
-from flashtemp.physics.material import LIBRARY, Layer, Material
+from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
 LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
@@ -38,8 +37,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
     """
     v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
-    materials = {side: _material(values, f"{side}.material") for side in ("block", "road")}
-    stack = _layers(values)
+    materials = {side: layers.material(values, f"{side}.material") for side in ("block", "road")}
     acting = _acting(values, effects, folder)
     course, pressure = _course(values, folder), _series(values, "contact.pressure", folder)
     plan = Schedule(
@@ -59,7 +57,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         track_length=v.road.track_length,
         stiffness=v.block.stiffness,
         resolved=v.numerics.across > 1,
-        layers=stack,
+        layers=layers.stack(values),
     )
     said = [(part, a.p) for a in acting for part in a.contributions(outline)]
     depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
@@ -148,34 +146,7 @@ def _resolves(said: list[Any]) -> bool:
     return any(part.law(None, None, p) > 0 for part, p in terms)
 
 
-# --- materials and schedule --------------------------------------------------------------------------
-def _material(values: Values, key: str) -> Material:
-    """The material that a key names: one of the case's own, or of the library."""
-    table, last = key.rsplit(".", 1)
-    name = values[table][last]
-    own = {t.split(".", 1)[1]: d for t, d in values.items() if t.startswith("materials.")}
-    if name in own:
-        return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
-    if name in LIBRARY:
-        return LIBRARY[name]
-    raise BadInput(f"{key}: no material '{name}'{nearest(name, [*own, *LIBRARY])}; or add [materials.{name}]")
-
-
-def _layers(values: Values) -> tuple[Layer, ...]:
-    """Layers of the block from the face upwards, none where it is one material."""
-    own = {name: values[f"layers.{name}"] for name in layers.names(values)}
-    return tuple(
-        Layer(
-            n,
-            _material(values, f"layers.{n}.material"),
-            float(d["thickness"]),
-            float(d["contact_resistance"]),
-            d["cells"],
-        )
-        for n, d in own.items()
-    )
-
-
+# --- schedule -------------------------------------------------------------------------------------------
 def _series(values: Values, key: str, folder: Path) -> Series:
     """A number, or a file of time against value, as a function of time."""
     x, y = _rows(values, key, folder, 0.0)
@@ -262,14 +233,7 @@ def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "numerics.first_block": _first_block(numerics["first_block"], built.block, built.schedule, depths),
         "numerics.first_road": _first_road(numerics["first_road"], built.road, built.length, built.schedule),
-    } | layer_cells(built, numerics)
-
-
-def layer_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, int]:
-    """Cells of every layer at mesh = 1, as keys of a case; none where the block is one material."""
-    refine = refinement(numerics["mesh"]) * numerics["finer"][1]
-    has = {layer.name: cells.stop - cells.start for layer, cells in zip(built.layers, built.mesh.layers, strict=False)}
-    return {f"layers.{name}.cells": max(LEAST, round(n / refine)) for name, n in has.items()}
+    } | layers.cells(built, numerics)
 
 
 def _first_block(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:

@@ -1,12 +1,20 @@
-"""Layers of a block in a case: [layers.NAME] in the order of the file, the first one at the face."""
+"""Materials of a case and layers of its block: [layers.NAME] in the order of the file, the first one at the face."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-Values = Mapping[str, dict[str, Any]]
+from flashtemp.errors import BadInput, nearest
+from flashtemp.meshes.grading import LEAST
+from flashtemp.model.schema import refinement
+from flashtemp.physics.material import LIBRARY, Layer, Material
+
+if TYPE_CHECKING:
+    from flashtemp.model.scene import Scene
+
+Values = Mapping[str, Mapping[str, Any]]
 FOLLOW = ("height", "material")  # keys of the block that layers give
 
 
@@ -19,7 +27,7 @@ def names(values: Mapping[str, Any]) -> list[str]:
     return [table.split(".", 1)[1] for table in values if table.startswith("layers.")]
 
 
-def settle(values: Values, told: Any) -> Iterator[tuple[str, str]]:
+def settle(values: dict[str, dict[str, Any]], told: Any) -> Iterator[tuple[str, str]]:
     """Let height (m) and material of the block follow from its layers; yields keys and what is wrong with them.
 
     `told` is the table of the block as the case gives it.
@@ -43,3 +51,37 @@ def settle(values: Values, told: Any) -> Iterator[tuple[str, str]]:
             f"{top['contact_resistance']:g}; no layer is above '{last}': give 0, or holder_sink.coefficient",
         )
     block["height"], block["material"] = total, stack[0][1]["material"]
+
+
+def material(values: Values, key: str) -> Material:
+    """The material that a key names: one of the case's own, or of the library.  Raises BadInput."""
+    table, last = key.rsplit(".", 1)
+    name = values[table][last]
+    own = {t.split(".", 1)[1]: d for t, d in values.items() if t.startswith("materials.")}
+    if name in own:
+        return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
+    if name in LIBRARY:
+        return LIBRARY[name]
+    raise BadInput(f"{key}: no material '{name}'{nearest(name, [*own, *LIBRARY])}; or add [materials.{name}]")
+
+
+def stack(values: Values) -> tuple[Layer, ...]:
+    """Layers of the block from the face upwards, none where it is one material.  Raises BadInput."""
+    own = {name: values[f"layers.{name}"] for name in names(values)}
+    return tuple(
+        Layer(
+            name,
+            material(values, f"layers.{name}.material"),
+            float(d["thickness"]),
+            float(d["contact_resistance"]),
+            d["cells"],
+        )
+        for name, d in own.items()
+    )
+
+
+def cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, int]:
+    """Cells of every layer at mesh = 1, as keys of a case; none where the block is one material."""
+    refine = refinement(numerics["mesh"]) * numerics["finer"][1]
+    has = {layer.name: own.stop - own.start for layer, own in zip(built.layers, built.mesh.layers, strict=False)}
+    return {f"layers.{name}.cells": max(LEAST, round(n / refine)) for name, n in has.items()}

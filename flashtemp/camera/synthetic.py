@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.observation import Instrument, observe
+from flashtemp.camera.observation import Instrument, check, observe
 from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.physics.quantities import KELVIN
@@ -49,11 +49,13 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
     frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
     told: dict[str, Any] = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
-    return Recording(
+    made = Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
         reflected_degC=None if view == "profile" else scene.ambient - KELVIN,
         registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
     )  # fmt: skip
+    check(made, scene, view)
+    return made
 
 
 def blank_points(places: Places, scene, times, repetition, netd: float) -> Recording:

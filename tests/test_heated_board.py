@@ -29,7 +29,7 @@ def test_the_stack_from_the_heater_is_nearer_than_the_best_submissions():
 
 
 def test_the_copper_disc_on_the_board_is_predicted_within_what_the_heater_is_known_to():
-    """Two layers and their contact, nothing fitted: half of the heater's 3.2 % (two standard deviations) is 3.8 K rms."""
+    """Two layers and their contact, nothing fitted: half of the heater's 3.2 % (two standard deviations) is 3.8 K rms here."""
     [seeing] = compare(campaign.load(BOARD / "copper_campaign.toml")).seeings
     assert np.ptp(seeing.view.recording.temperature) > 290.0
     assert seeing.rmse_K < 3.8

@@ -296,7 +296,10 @@ def test_the_sketch_shows_the_layers(tmp_path):
     [
         ({"block.height": 0.02}, "block.height (command line): 0.02 m, but the layers are 0.0082 m together"),
         ({"block.material": "granite"}, "block.material (command line): 'granite' beside layers; leave it out"),
-        ({"layers.board.contact_resistance": 1e-3}, "no layer is above 'board': give 0, or holder_sink.coefficient"),
+        (
+            {"layers.board.contact_resistance": 1e-3},
+            "no layer is above 'board'; give 0, or what is behind as another layer",
+        ),
         (
             {"layers.glue.material": "glu"},
             "layers.glue.material (command line): no material 'glu'; did you mean 'glue'",

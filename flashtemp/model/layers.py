@@ -48,7 +48,7 @@ def settle(values: dict[str, dict[str, Any]], told: Any) -> Iterator[tuple[str, 
     if top["contact_resistance"]:
         yield (
             f"layers.{last}.contact_resistance",
-            f"{top['contact_resistance']:g}; no layer is above '{last}': give 0, or holder_sink.coefficient",
+            f"{top['contact_resistance']:g}; no layer is above '{last}'; give 0, or what is behind as another layer",
         )
     block["height"], block["material"] = total, stack[0][1]["material"]
 

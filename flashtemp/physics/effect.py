@@ -207,7 +207,7 @@ class Effect:
 
 def layer_of(about: str) -> Param:
     """The key by which an effect is told of one layer of the block."""
-    return Param(None, "", f"name of a layer of the block: {about}", kinds=("name",))
+    return Param(None, "1", f"name of a layer of the block: {about}", kinds=("name",))
 
 
 def among(scene: SceneView, name: str | None, key: str) -> str | None:

@@ -1,6 +1,6 @@
 """Thin the published table to the rows of this folder: `python thin.py E1.txt`.
 
-Every 100th row (1 s), nothing smoothed; each thermocouple is shifted so that over the 10 s before the tool comes all show the same.
+Every 100th row (1 s), nothing smoothed; thermocouples are shifted to show the same over the 10 s before the tool comes.
 """
 
 import sys

@@ -82,7 +82,7 @@ def test_both_arcs_and_the_chips_give_what_they_say(tmp_path, lab):
     """3D: strength over speed per pass, the trailing arc and the chips besides; tilt and edges only share it out."""
     own = {
         "speed": SPEED, "width": WIDTH, "strength": STRENGTH, "enters": 5.0, "radius": 0.01, "axis": 0.002, "back": 0.5,
-        "back_width": 3e-3, "tilt": 0.4, "edges": 0.5, "chips": 0.2, "chips_width": 3e-3, "chips_ahead": 0.005,
+        "back_width": 3e-3, "tilt": 0.4, "back_tilt": 0.2, "edges": 0.5, "chips": 0.2, "chips_width": 3e-3, "chips_ahead": 0.005,
     }  # fmt: skip
     given = {"schedule.alone": 45.0, "numerics.across": 8, "numerics.rtol": 1e-4, "numerics.cells": [40, 6, 3]}
     found = run(tmp_path, own | given)

@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> arcs, _ = MovingSource().heat(N(width=0.01), None)
->>> more = {"axis": 0.0, "tilt": 0.0, "edges": 0.0, "chips": 0.0}
+>>> more = {"axis": 0.0, "tilt": 0.0, "back_tilt": 0.0, "edges": 0.0, "chips": 0.0}
 >>> p = N(strength=1e3, speed=2e-3, enters=1.0, width=1e-3, back=0.5, back_width=None, radius=5e-3, **more)
 >>> now = N(t=6.0, x=0.01, y=0.0, touching=False)  # the leading arc is here, the trailing one at x = 0
 >>> round(arcs.law(300.0, now, p)), round(arcs.law(300.0, N(t=6.0, x=0.0, y=0.0, touching=False), p))
@@ -39,8 +39,9 @@ class MovingSource(Effect):
     back_width = Param(
         None, "m", "standard deviation of the trailing arc; `width` if not given", low=0.0, open_low=True
     )
-    tilt = Param(0.0, "1", "growth of its strength over half the width, towards y > 0", low=-1.0, high=1.0)
-    edges = Param(0.0, "1", "growth of its strength towards both side walls, as y squared", low=-1.5, high=3.0)
+    tilt = Param(0.0, "1", "growth of the leading arc over half the width, towards y > 0", low=-1.5, high=1.5)
+    back_tilt = Param(0.0, "1", "growth of the trailing arc likewise", low=-1.5, high=1.5)
+    edges = Param(0.0, "1", "growth of both arcs towards both side walls, as y squared", low=-1.5, high=3.0)
     chips = Param(
         0.0, "1", "strength of what is thrown ahead, evenly across, over that of the leading arc", low=0.0, high=10.0
     )
@@ -55,15 +56,16 @@ class MovingSource(Effect):
                 return 0.0 * T
             tip = now.x - p.speed * (now.t - p.enters)
             e = 2.0 * now.y / scene.width
-            across = 1.0 + p.tilt * e + p.edges * (e * e - 1.0 / 3.0)  # of mean 1
+            even = 1.0 + p.edges * (e * e - 1.0 / 3.0)  # of mean 1, as are both arcs
             bend = (
                 p.radius - np.sqrt(np.maximum(p.radius**2 - (now.y - p.axis) ** 2, 0.0)) if isfinite(p.radius) else 0.0
             )
-            shape = _gauss(tip + bend, p.width)
+            shape = (even + p.tilt * e) * _gauss(tip + bend, p.width)
             if isfinite(p.radius):
-                shape = shape + p.back * _gauss(tip + 2.0 * p.radius - bend, p.back_width or p.width)
+                behind = _gauss(tip + 2.0 * p.radius - bend, p.back_width or p.width)
+                shape = shape + p.back * (even + p.back_tilt * e) * behind
             fallen = p.chips * _gauss(tip - p.chips_ahead, p.chips_width) if p.chips else 0.0
-            return p.strength * (across * shape + fallen) + 0.0 * T
+            return p.strength * (shape + fallen) + 0.0 * T
 
         def pace(T, now, p):
             return 0.0 if now.touching or not p.strength else p.speed / min(p.width, p.back_width or p.width)

@@ -101,3 +101,11 @@ def test_a_round_tool_comes_to_the_side_walls_later(tmp_path):
     middle, wall = found.x[face[:, 4].argmax()], found.x[face[:, 0].argmax()]
     y = W / 2 - W / 18
     assert middle - wall == pytest.approx(0.009 - np.sqrt(0.009**2 - y**2), abs=1e-3)
+
+
+def test_a_source_that_comes_after_a_long_rest_is_not_stepped_over(tmp_path, lab):
+    """Nothing happens for 250 s, then it passes within 4 s: an integrator that may take any step would miss it."""
+    own = {"speed": 1e-2, "width": WIDTH, "strength": STRENGTH, "enters": 250.0}
+    given = {"schedule.alone": 500.0, "numerics.rtol": 1e-3, "numerics.cells": [20, 4, 3], "numerics.first_x": 2e-3}
+    found = run(tmp_path, own | given | {"numerics.last_x": 2e-3})
+    lab.check("heat of a late pass, relative", abs(found.energy["block"][-1] / (STRENGTH * L / 1e-2) - 1.0), 5e-3)

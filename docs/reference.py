@@ -10,8 +10,8 @@ import gallery
 import flashtemp
 from flashtemp.api.effects import parameter_line
 from flashtemp.cli.commands import app
-from flashtemp.model.schema import TABLES, declared
-from flashtemp.model.starter import about, example
+from flashtemp.model.schema import NAMED, TABLES, declared
+from flashtemp.model.starter import MANY, about, example
 
 MADE = "made"  # the folder beside the pages that holds them; not kept
 
@@ -27,9 +27,10 @@ def commands() -> str:
 def keys() -> str:
     """Every key of a case with default, meaning, unit and range."""
     out = "# Keys of a case\n\nWhat `flashtemp new case` writes, to look things up: every key with its default.\n"
-    for table in TABLES:
-        rows = "".join(f"| `{example(k, p)}` | {_cell(about(p))} |\n" for k, p in declared(table).items())
-        out += f"\n## [{table}]\n\n| key and default | meaning; unit, range |\n|---|---|\n{rows}"
+    named = {f"{kind}.NAME": (f"{MANY[kind].capitalize()}.\n\n", keys) for kind, keys in NAMED.items()}
+    for table, (lead, keys) in ({t: ("", declared(t)) for t in TABLES} | named).items():
+        rows = "".join(f"| `{example(k, p)}` | {_cell(about(p))} |\n" for k, p in keys.items())
+        out += f"\n## [{table}]\n\n{lead}| key and default | meaning; unit, range |\n|---|---|\n{rows}"
     return out
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.meshes.grading import geometric, two_sided
+from flashtemp.meshes.grading import geometric, layered, two_sided
 from flashtemp.meshes.mesh import Mesh
 
 
@@ -28,6 +28,7 @@ def build(
     refine_y: float = 1,
     both: bool = False,
     even: bool = False,
+    layers: tuple[tuple[float, int | None], ...] = (),
 ) -> Mesh:
     """Block of `length` x `height` on road of `depth`; all lengths in m.
 
@@ -37,7 +38,8 @@ def build(
     more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
     direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`, all
     refined by `refine_y`; one stays one.  `both`: every edge may lead, so that the mesh is its own mirror image.
-    `even`: lines of one length, and half as many before the block as under it.
+    `even`: lines of one length, and half as many before the block as under it.  `layers`: thickness of each from the
+    face upwards, together `height`, and how many cells it has, None for as many as the block's grading puts there.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -50,13 +52,17 @@ def build(
         x, first, last = _even(length, max(4, round(along * finer_x)), upstream, downstream)
     else:
         x, first, last = _graded(length, first_x, last_x, along, finer_x, upstream, downstream, behind, both)
+    z, joints = geometric(height, first_block, up, finer_up, above), ()
+    if layers:
+        z, joints = layered(layers, first_block, up, finer_up, above)
     return Mesh(
         x=x,
         depth=geometric(depth, first_road, down, finer_down),
-        height=geometric(height, first_block, up, finer_up, above),
+        height=z,
         first=first,
         last=last,
         y=_across(width, across, first_y, refine_y),
+        joints=joints,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,9 @@ def _root(of: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import brentq
 
     return float(brentq(of, low, high))
+
+
+LEAST = 3  # cells of a layer: a parabola up to its edges
 
 
 def geometric(length: float, first: float, cells: int, refine: float = 1, even: float = 0.0) -> np.ndarray:
@@ -50,6 +53,38 @@ def _shared(s: np.ndarray, cells: int, rate: float, even: float) -> np.ndarray:
         if np.max(np.abs(step)) < 1e-15:
             break
     return z
+
+
+def layered(
+    layers: Sequence[tuple[float, int | None]], first: float, cells: int, refine: float = 1, even: float = 0.0
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Edges (n+1,) m up a stack of `layers` with an edge at every joint, and the cells with which layers begin.
+
+    The smooth map of `geometric` over the whole stack; each layer (thickness in m, cells) has as many even steps along
+    its stretch of the map as it asks for, or where that is None as the map puts there, at least LEAST.
+
+    >>> edges, joints = layered([(0.25, None), (0.75, 6)], 1.0, 16)
+    >>> edges[:5].tolist(), joints, len(edges)
+    ([0.0, 0.0625, 0.125, 0.1875, 0.25], (4,), 11)
+    """
+    ends = np.concatenate([[0.0], np.cumsum([thick for thick, _ in layers])])
+    length, grown = ends[-1], cells > 1 and first * cells < ends[-1] * (1 - 1e-9)
+    rate = _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0) if grown else 0.0
+
+    def below(z: np.ndarray) -> np.ndarray:
+        return (cells * np.log1p(np.expm1(rate) * z) / rate + even * z) / (cells + even) if grown else z
+
+    out, joints = [np.zeros(1)], [0]
+    for (_, asked), low, high in zip(layers, ends[:-1], ends[1:], strict=True):
+        s = below(np.array([low, high]) / length)
+        usual = max(LEAST, round((cells + even) * float(s[1] - s[0])))
+        n = max(LEAST, round((asked or usual) * refine))
+        inner = np.linspace(*s, n + 1)[1:]
+        z = length * (_shared(inner, cells, rate, even) if grown else inner)
+        z[-1] = high
+        out.append(z)
+        joints.append(joints[-1] + n)
+    return np.concatenate(out), tuple(joints[1:-1])
 
 
 def two_sided(length: float, first: float, last: float, cells: int, refine: float = 1) -> np.ndarray:

@@ -30,7 +30,8 @@ class Mesh:
     `x` (n_lines+1,) line edges in m, downstream positive, leading edge at 0; `depth` (n_road+1,)
     road cell edges in m below the surface; `height` (n_block+1,) block cell edges in m above it;
     `first`, `last`: the block stands on lines first..last-1; `y` (n_across+1,) edges in m across, from the centre
-    line: two in 2D.  What belongs to a plane (`line`, `level`, `block`, `road`, ...) has n_plane cells.  Areas and
+    line: two in 2D; `joints` block cells of a line, counted from the face, with which another layer begins.
+    What belongs to a plane (`line`, `level`, `block`, `road`, ...) has n_plane cells.  Areas and
     volumes are per metre of the block's width: summed across they are those of a 2D mesh.
 
     >>> from flashtemp.meshes import block_on_road
@@ -45,6 +46,7 @@ class Mesh:
     first: int
     last: int
     y: np.ndarray = field(default_factory=lambda: np.array([-0.025, 0.025]))
+    joints: tuple[int, ...] = ()
 
     @property
     def n_lines(self) -> int:
@@ -59,6 +61,12 @@ class Mesh:
     def n_block(self) -> int:
         """Block cells of a line under the block."""
         return len(self.height) - 1
+
+    @property
+    def layers(self) -> list[slice]:
+        """Block cells of a line, from the face upwards, by layer: all of them where there is one material."""
+        ends = (0, *self.joints, self.n_block)
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     @cached_property
     def start(self) -> np.ndarray:

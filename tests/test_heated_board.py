@@ -28,6 +28,13 @@ def test_the_stack_from_the_heater_is_nearer_than_the_best_submissions():
     assert all(f < p for f, p in zip(found, PEERS, strict=True)), found
 
 
+def test_the_copper_disc_on_the_board_is_predicted_within_what_the_heater_is_known_to():
+    """Two layers and their contact, nothing fitted: half of the heater's 3.2 % (two standard deviations) is 3.8 K rms here."""
+    [seeing] = compare(campaign.load(BOARD / "copper_campaign.toml")).seeings
+    assert np.ptp(seeing.view.recording.temperature) > 290.0
+    assert seeing.rmse_K < 3.8
+
+
 def test_what_is_left_in_the_first_120_s_is_told():
     [seeing] = compare(campaign.load(BOARD / "first_120_s.toml")).seeings
     assert 3.0 < seeing.rmse_K < 6.0

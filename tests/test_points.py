@@ -10,13 +10,17 @@ import pytest
 from scipy.optimize import brentq
 
 import flashtemp
-from flashtemp.camera import recording
+from flashtemp.camera import recording, synthetic
 from flashtemp.camera.point_observation import asked, delayed
 from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.twin import SEALED
+from flashtemp.discovery import sensor_places
+from flashtemp.discovery.prediction import Derivatives, predict
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.thermocouples import gain_of
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
@@ -170,7 +174,10 @@ def test_nothing_acts_on_the_face_while_it_slides(tmp_path):
 
 
 def test_a_recording_of_points_survives_its_file(tmp_path):
-    rows = [{"name": "bead", "x": 0.01, "y": -0.002, "z": 0.003, "lag_s": 1.5, "place_sigma_m": 5e-4}, {"z": -0.001}]
+    rows = [
+        {"name": "bead", "x": 0.01, "y": -0.002, "z": 0.003, "lag_s": 1.5, "place_sigma_m": 5e-4, "gain_sigma": 0.01}
+    ]
+    rows.append({"z": -0.001, "depth_sigma_m": 1e-3})
     made = Recording(
         "points", np.array([[[20.0, 21.0]], [[22.0, np.nan]]]), np.array([0.0, 1.0]), np.array([1, 1]),
         np.arange(2.0), np.zeros(1), places=of_rows(rows),
@@ -292,6 +299,7 @@ def test_places_that_cannot_be_read_are_told(tmp_path, places, said):
         ([{"z": 0.001, "depth": 1}], "depth: unknown key"),
         ([{"z": "deep"}], "z: 'deep'; give a number (m)"),
         ([{"z": 0.001, "lag_s": -1.0}], "lag_s: -1 of a point; give 0 to 10000 s"),
+        ([{"z": 0.001, "gain_sigma": 0.5}], "gain_sigma: 0.5 of a point; give 0 to 0.2 1"),
         (3, "give a table per point"),
     ],
 )
@@ -352,3 +360,79 @@ def test_the_next_thermocouple_belongs_where_the_unknown_heat_goes(tmp_path):
     assert best.z_left["holder_sink"] > 2.0 * outlook.sensors[-1].z_left["holder_sink"]
     assert "next thermocouple at x = 25 mm, z = 11.2 mm" in str(outlook)
     assert not outlook.experiments or all("speed" not in e.words for e in outlook.experiments)
+
+
+# --- gains ----------------------------------------------------------------------------------------------
+def gauged(folder, sigma, off=0.01):
+    """A campaign of two beads in a slab that is stepped by 100 K, of which the first shows 1 % more than its rise."""
+    case = write(folder, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\nback = [[0.0, 20.0]]\n")
+    case.write_text(case.read_text().replace("4, 80, 4", "3, 30, 3").replace("1e-6", "1e-4"))
+    t, z = np.arange(20.0, 300.0, 20.0), np.array([0.003, 0.006])
+    T = 20.0 + 100.0 * stepped(z, t) * np.array([1.0 + off, 1.0])
+    T += 0.02 * np.random.default_rng(7).normal(size=T.shape)
+    np.savetxt(folder / "t.csv", np.column_stack([t, T]), delimiter=",")
+    points = ", ".join(
+        f'{{ name = "{n}", x = 0.025, z = {h}, gain_sigma = {sigma} }}' for n, h in zip("ab", z, strict=True)
+    )
+    (folder / "campaign.toml").write_text(
+        'case = "case.toml"\ncandidates = ["conductivity_slope"]\n[[recording]]\nview = "points"\n'
+        f'file = "t.csv"\npoints = [{points}]\nsigma_K = 0.02\n'
+    )
+    return campaign.load(folder)
+
+
+def test_a_gain_is_calibrated_within_what_is_known_of_it(tmp_path):
+    """1 % too much, 0.5 % usual: found within three standard errors, told in the verdict, and left over where none may be."""
+    verdict = flashtemp.discover(gauged(tmp_path, 0.005), out=tmp_path / "found", workers=1)
+    told = {p.name: p for p in verdict.nuisance}
+    a, b = told["gain of point a"], told["gain of point b"]
+    assert abs(a.value - b.value - 0.01) < 3.0 * np.hypot(a.stderr, b.stderr)
+    assert a.pull == pytest.approx(a.value / 0.005, rel=1e-6)
+    assert a.stderr < 0.005
+    assert verdict.base.rmse_K < 0.03
+    assert "gain of point a" in (tmp_path / "found" / "verdict.json").read_text()
+
+
+@pytest.mark.long
+def test_without_a_gain_the_same_is_left_over(tmp_path):
+    """A conductivity alone cannot make one of two beads show 1 % more: several times the noise is left."""
+    verdict = flashtemp.discover(gauged(tmp_path, 0.0), workers=1)
+    assert not [p for p in verdict.nuisance if p.name.startswith("gain")]
+    assert verdict.base.rmse_K > 0.06
+
+
+def test_a_gain_moves_the_rise_of_its_own_point(tmp_path):
+    made = gauged(tmp_path, 0.005)
+    problem = prepare(made, lambda tasks: [predict(t) for t in tasks])
+    [seen] = problem.predictions(problem.tasks(problem.start, Derivatives(problem.free, optics=True)))
+    shown = seen.observables[made.views[0].file]
+    column = shown.columns[gain_of("b", 1)]
+    rise = shown.values[:, 0] - 20.0
+    assert np.array_equal(column[:, 0], 0.0 * rise[:, 0])
+    assert column[:, 1] == pytest.approx(rise[:, 1], rel=1e-6)
+
+
+def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
+    """A gain is drawn within its standard deviation and shown; one more thermocouple is as good as those that there are."""
+    made = gauged(tmp_path, 0.05)
+    problem = prepare(made, lambda tasks: [predict(t) for t in tasks])
+    assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_places.views(problem))
+    scene, recording = problem.case.scene, made.views[0].recording
+    drawn = [synthetic.draw(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
+    assert np.std(drawn) == pytest.approx(0.05, rel=0.15)
+    run = march(scene, replace(problem.case.settings, times=tuple(recording.time), fields=2))
+    plain, larger = (
+        synthetic.expose(
+            run, scene, recording, synthetic.Faults((0.0, 0.0), 0.0, 1.0, 0.0, (), g), np.random.default_rng(1)
+        )
+        for g in ((), (0.1, 0.0))
+    )
+    more = (larger.temperature - plain.temperature)[:, 0]
+    assert more == pytest.approx(0.1 * (plain.temperature[:, 0] - 20.0) * np.array([1.0, 0.0]), abs=1e-9)
+
+
+def test_depth_is_known_like_the_place_unless_said(tmp_path):
+    places = of_rows(
+        [{"z": 0.001, "place_sigma_m": 2e-4}, {"z": 0.001, "depth_sigma_m": "1 mm", "place_sigma_m": 2e-4}]
+    )
+    assert [places.place_sigma(axis).tolist() for axis in range(3)] == [[2e-4, 2e-4], [2e-4, 2e-4], [2e-4, 1e-3]]

@@ -40,6 +40,10 @@ def draw(case) -> Figure:
 def _block(ax, scene) -> None:
     length, height = 1e3 * scene.length, 1e3 * scene.height
     ax.add_patch(Rectangle((0.0, 0.0), length, height, fc="#D9D9D9", ec="#2B2B2B"))
+    ends = np.cumsum([1e3 * layer.thickness for layer in scene.layers])
+    for layer, end in zip(scene.layers, ends, strict=True):
+        ax.plot([0.0, length], [end, end], color="#2B2B2B", lw=0.8)
+        ax.annotate(layer.name, (0.98 * length, end), va="top", ha="right", fontsize=8)
     ax.axhspan(-0.35 * height, 0.0, color="#BCAAA4", lw=0)
     ax.annotate("leading edge", (0.0, 0.0), (0.0, height * 1.12), ha="center", fontsize=8)
     ax.annotate("trailing edge", (length, 0.0), (length, height * 1.12), ha="center", fontsize=8)

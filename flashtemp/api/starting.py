@@ -29,7 +29,7 @@ file = "side.nc"
 # [[recording]]                          # thermocouples: a table of s and degC
 # view = "points"
 # file = "thermocouples.csv"
-# points = [{ name = "a", x = 0.01, z = 0.002, place_sigma_m = 0.0005 }]
+# points = [{ name = "a", x = 0.01, z = 0.002, place_sigma_m = 0.0005, gain_sigma = 0.005 }]
 
 # [[force]]                              # a load-cell trace: a table of s and friction coefficient
 # file = "mu.csv"

@@ -12,11 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from flashtemp.camera import point_observation
 from flashtemp.camera.placement import AS_TOLD, Kept, Place, corner, hats, pivot, turned
 from flashtemp.camera.point_observation import asked, readings
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.wall import Face, corner_length, film_steps, wall_rise
+from flashtemp.errors import BadInput
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.interpolation import between
 from flashtemp.physics.quantities import KELVIN
@@ -103,6 +105,16 @@ class Instrument:
     def asked(self) -> np.ndarray:
         """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
         return self.times() if self.recording.places is None else asked(self.recording.places, self.times())
+
+
+def check(recording: Recording, scene: Scene, file: str) -> None:
+    """BadInput for what no camera or thermocouple of this scene can see."""
+    if recording.view == "sidewall" and scene.layers:
+        raise BadInput(
+            f"{file}: view: the side wall of a block with layers is not modelled; give points, a wake or a profile"
+        )
+    if recording.places is not None:
+        point_observation.check(recording.places, scene, file)
 
 
 def observe(

@@ -11,6 +11,7 @@ from flashtemp.physics.interpolation import between
 
 WINDOW = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # time constants before a reading that count
 PARTS = 8  # into which the time between kept fields is cut for what a lag smooths
+ROUNDED = 1e-9  # of a height: as good as equal
 NEAR = 0.2  # of a time constant: readings closer together need no further ones between them
 
 
@@ -85,7 +86,7 @@ def _fields(run, places: Places) -> np.ndarray:
         cells = run.field[:, mesh.everywhere(mesh.block)].astype(float)
         face = _face(run)
         wx, wy = weights(edges_x, places.x[above]), weights(mesh.y, places.y[above])
-        at_face, wz = _above(mesh.height, places.z[above])
+        at_face, wz = up_the_block(mesh, places.z[above])
         inner = np.einsum("fikj,pi,pk,pj->fp", cells, wx, wz, wy, optimize=True)
         out[:, above] = inner + np.einsum("fij,pi,pj->fp", face, wx, wy, optimize=True) * at_face
     if (~above).any():
@@ -111,6 +112,25 @@ def weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
         return np.ones((len(at), 1))
     ends = np.array([_edge(edges, 0), _edge(edges, n)])
     return _spline(edges, at) @ np.vstack([ends[:1], np.eye(n), ends[1:]])
+
+
+def up_the_block(mesh, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the face (points,) and of the cells up the block (points, cells) at heights `at` (points,) m.
+
+    Each layer by itself: temperature has a bend, or a jump, where another begins; a point there is in the one below.
+    """
+    if not mesh.joints:
+        return _above(mesh.height, at)
+    at_face, cells = np.zeros(len(at)), np.zeros((len(at), mesh.n_block))
+    tops = mesh.height[[s.stop for s in mesh.layers]]
+    number = np.minimum(np.searchsorted(tops * (1.0 + ROUNDED), at), len(tops) - 1)
+    for n, own in enumerate(mesh.layers):
+        edges, here = mesh.height[own.start : own.stop + 1], number == n
+        if n == 0:
+            at_face[here], cells[here, own] = _above(edges, at[here])
+        else:
+            cells[here, own] = weights(edges, at[here])
+    return at_face, cells
 
 
 def _above(height: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

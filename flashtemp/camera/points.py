@@ -17,13 +17,18 @@ KEYS = {  # of one point: unit, lowest, highest value, default
     "z": ("m", -10.0, 1.0, None),
     "lag_s": ("s", 0.0, 1e4, 0.0),
     "place_sigma_m": ("m", 0.0, 0.1, 0.0),
+    "depth_sigma_m": ("m", 0.0, 0.1, None),
+    "gain_sigma": ("1", 0.0, 0.2, 0.0),
 }
+NEEDED = ("z",)
+FOLLOWS = {"depth_sigma_m": "place_sigma_m"}  # what a key is where it is not given
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
     """Points (n,): `x` from the leading edge, `y` from the centre line, `z` > 0 above the face in the block, < 0 in the
-    road, all m; `lag_s` time constant, `place_sigma_m` standard deviation of the place; `names` for people.
+    road, all m; `lag_s` time constant; standard deviations `place_sigma_m` of the place along x and y, `depth_sigma_m`
+    along z, `gain_sigma` of the rise that it shows, relative; `names` for people.
     """
 
     names: tuple[str, ...]
@@ -32,6 +37,8 @@ class Places:
     z: np.ndarray
     lag_s: np.ndarray
     place_sigma_m: np.ndarray
+    depth_sigma_m: np.ndarray
+    gain_sigma: np.ndarray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -46,6 +53,10 @@ class Places:
             bad = ~((values >= low) & (values <= high))
             if bad.any():
                 raise BadInput(f"{key}: {values[bad][0]:g} of a point; give {low:g} to {high:g} {unit}")
+
+    def place_sigma(self, axis: int) -> np.ndarray:
+        """Standard deviation (n,) m of the place along x, y or z."""
+        return self.depth_sigma_m if axis == 2 else self.place_sigma_m
 
     def moved(self, axis: str, step: float, point: int | None = None) -> Places:
         """The same with one point, or all of them, moved by `step` (m) along an axis; may leave its bounds a little."""
@@ -84,9 +95,17 @@ def of_rows(rows: Any, key: str = "points") -> Places:
             raise BadInput(f"{key}: point {number}: z: missing; give m above the face, below 0 in the road")
     names = tuple(str(row.get("name", n)) for n, row in enumerate(rows, 1))
     try:
-        return of_arrays(names, {k: [row.get(k, d) for row in rows] for k, (_, _, _, d) in KEYS.items()})
+        return of_arrays(names, {k: [_of_row(row, k) for row in rows] for k in KEYS})
     except BadInput as fault:
         raise BadInput(*(f"{key}: {line}" for line in fault.lines)) from fault
+
+
+def _of_row(row: dict[str, Any], key: str) -> float:
+    """A key of a point, or what stands for it."""
+    if key not in row and key in FOLLOWS:
+        return _of_row(row, FOLLOWS[key])
+    default = KEYS[key][3]
+    return float(row.get(key, 0.0 if default is None else default))
 
 
 def _in_unit(key: str, number: int, name: str, value: str) -> float:
@@ -102,10 +121,10 @@ def of_arrays(names: Sequence[str], given: dict[str, Any]) -> Places:
     Raises BadInput.
     """
     n = len(names)
+    filled: dict[str, np.ndarray] = {}
     for key, (unit, *_, default) in KEYS.items():
-        if key not in given and default is None:
+        if key not in given and key in NEEDED:
             raise BadInput(f"{key}: missing; give it for every point, in {unit}")
-    filled = {
-        k: np.asarray(given.get(k, np.full(n, d if d is not None else 0.0)), float) for k, (*_, d) in KEYS.items()
-    }
+        other = filled[FOLLOWS[key]] if key in FOLLOWS else np.full(n, default)
+        filled[key] = np.asarray(given.get(key, other), float)
     return Places(tuple(names), **filled)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.observation import Instrument, observe
+from flashtemp.camera.observation import Instrument, check, observe
 from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.physics.quantities import KELVIN
@@ -24,7 +24,7 @@ FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behi
 class Faults:
     """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity.
 
-    Of points: how far (m) each lies from where it is said to be, up the block.
+    Of points: how far (m) each lies from where it is said to be, up the block, and the error of its gain.
     """
 
     shift: tuple[float, float]
@@ -32,6 +32,7 @@ class Faults:
     emissivity: float
     psf_sigma_px: float
     astray: tuple[float, ...] = ()
+    gains: tuple[float, ...] = ()
 
 
 def blank(view: str, scene, times, repetition, netd: float) -> Recording:
@@ -49,11 +50,13 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
     frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
     told: dict[str, Any] = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
-    return Recording(
+    made = Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
         reflected_degC=None if view == "profile" else scene.ambient - KELVIN,
         registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
     )  # fmt: skip
+    check(made, scene, view)
+    return made
 
 
 def blank_points(places: Places, scene, times, repetition, netd: float) -> Recording:
@@ -68,8 +71,10 @@ def blank_points(places: Places, scene, times, repetition, netd: float) -> Recor
 def draw(recording: Recording, rng, nuisance: float) -> Faults:
     """Faults of a recording; `nuisance` scales all but the fixed pattern."""
     if recording.places is not None:
-        sd = nuisance * recording.places.place_sigma_m
-        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple((sd * rng.normal(size=len(sd))).tolist()))
+        places = recording.places
+        astray = nuisance * places.depth_sigma_m * rng.normal(size=len(places))
+        gains = nuisance * places.gain_sigma * rng.normal(size=len(places)) if places.gain_sigma.any() else np.zeros(0)
+        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray.tolist()), tuple(gains.tolist()))
     known = recording.registration_sigma_px or 0.0
     along, up = (float(s) for s in nuisance * known * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
@@ -89,6 +94,8 @@ def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 
         for i, off in enumerate(faults.astray):
             true = true.moved("z", float(np.clip(true.z[i] + off, 0.0, scene.height) - true.z[i]), i)
         T = observe(run, scene, replace(recording, places=true), scene.acting).temperature
+        if faults.gains:
+            T = T + (T - scene.ambient + KELVIN) * np.array(faults.gains)
         return replace(recording, temperature=T + (recording.netd_K or 0.0) * rng.normal(size=T.shape))
     change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
     told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)

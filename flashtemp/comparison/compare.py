@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import point_observation
+from flashtemp.camera import observation
 from flashtemp.camera.observation import ABOVE, WAKE, Instrument, Seen, observe
 from flashtemp.camera.registration import align
 from flashtemp.comparison.campaign import Campaign, Condition, Force, View
@@ -243,8 +243,7 @@ def check(view: View, scene: Scene) -> None:
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
-    if view.recording.places is not None:
-        point_observation.check(view.recording.places, scene, view.file)
+    observation.check(view.recording, scene, view.file)
     near = ROUNDED * schedule.end
     for t, said in zip(time, view.recording.repetition, strict=True):
         possible = [schedule.phase(at).repetition for at in (t - near, t + near)]

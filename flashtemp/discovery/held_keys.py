@@ -17,7 +17,7 @@ from flashtemp.discovery.problem import Problem, may_move
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import BadInput
 
-TABLES = ("contact", "friction", "ambient", "materials")  # and those of the effects that the case holds
+TABLES = ("contact", "friction", "ambient", "materials", "layers")  # and those of the effects that the case holds
 NEVER = {  # choices of the model, which nobody measures
     "contact.heat_split", "contact.flash_factor", "contact.lane_widening", "contact.reference_pressure",
 }  # fmt: skip

@@ -183,7 +183,7 @@ def _unfit(case: Case, name: str, effect: type[Effect], asked: bool) -> str:
     try:
         case.with_values({"effects": [*case.effects, name]})
     except BadInput as fault:
-        needs = [k for k, p in effect.params().items() if p.value is None]
+        needs = [k for k, p in effect.params().items() if p.value is None and p.kinds != ("name",)]
         return f"needs {', '.join(needs)}" if needs else fault.lines[0]
     return ""
 

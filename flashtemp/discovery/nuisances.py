@@ -10,9 +10,10 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.parameters import ALL, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Priors
-from flashtemp.discovery.prediction import Observable, Single, packed, placed
+from flashtemp.discovery.parameters import ALL, OF_A_POINT, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.prediction import Observable, Single, packed
 from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.thermocouples import gain_of, placed
 
 MODES = 6  # cosines of the pressure along the block
 GROUPS = {  # standard deviations, by the kind of nuisance
@@ -47,7 +48,7 @@ PLAIN = frozenset(  # what everybody would calibrate
         Kind.CELL,
         Kind.MESH,
         Kind.SIZE,
-        Kind.PLACE,
+        *OF_A_POINT,
     }
 )
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
@@ -69,6 +70,8 @@ def nuisances(
             out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
         elif p.kind is Kind.PLACE:
             out[p] = (-model.beads.get(p, 0.0), places[p])
+        elif p.kind is Kind.SENSOR:
+            out[p] = (0.0, places[p])
         elif p.kind in OF_THE_LABORATORY:
             if p.file or p.kind is Kind.SIZE or p in problem.loose:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
@@ -82,7 +85,7 @@ def nuisances(
 
 
 def places_known(views: Iterable[View]) -> dict[ParameterId, float]:
-    """Standard deviation (m) of the place of every point along every axis."""
+    """Standard deviation of the place of every point along every axis (m), and of its gain."""
     out = {}
     for v in views:
         places = v.recording.places
@@ -90,7 +93,8 @@ def places_known(views: Iterable[View]) -> dict[ParameterId, float]:
             continue
         for i, name in enumerate(places.names):
             for axis in range(3):
-                out[placed(name, i, axis).within(ALL, v.file)] = float(places.place_sigma_m[i])
+                out[placed(name, i, axis).within(ALL, v.file)] = float(places.place_sigma(axis)[i])
+            out[gain_of(name, i).within(ALL, v.file)] = float(places.gain_sigma[i])
     return out
 
 

@@ -23,6 +23,7 @@ class Kind(StrEnum):
     SHIFT_V = "shift_v"
     GAIN = "gain"  # of a recording's radiance, relative
     PLACE = "place"  # of a point of a recording along an axis, m
+    SENSOR = "sensor"  # gain of a point of a recording: of the rise that it shows, relative
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
     WALL = "wall"  # cooling of the wall against the section behind it
@@ -37,6 +38,7 @@ class Kind(StrEnum):
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
 PLACED = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
 OF_THE_LABORATORY = (*PLACED, Kind.SIZE)
+OF_A_POINT = (Kind.PLACE, Kind.SENSOR)
 OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
@@ -72,7 +74,7 @@ class ParameterId:
 
     def within(self, condition: int, file: str) -> ParameterId:
         """The same where it belongs: to a recording, to a condition, or to all."""
-        if self.kind in OF_A_RECORDING or (self.kind is Kind.PLACE and not self.name):
+        if self.kind in OF_A_RECORDING or (self.kind in OF_A_POINT and not self.name):
             return replace(self, file=file)
         return replace(self, condition=condition) if self.kind in OF_A_CONDITION else self
 

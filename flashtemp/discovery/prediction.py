@@ -15,16 +15,17 @@ import numpy.typing as npt
 
 from flashtemp.camera.observation import observe
 from flashtemp.camera.placement import Kept, Place
-from flashtemp.camera.recording import Recording
 from flashtemp.camera.wall import Face
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
+from flashtemp.discovery import thermocouples
 from flashtemp.discovery.deviations import with_mode, with_scatter
 from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
-from flashtemp.discovery.parameters import ALL, SHIFTS, Kind, ParameterId
+from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.effect import Effect, Param
+from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Move, Neighbourhood, explore
@@ -36,7 +37,6 @@ STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
 SIZES, SIZED = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
 LAG = 0.02  # s: step of what moves frames in time
-AWAY = 0.25  # of what is known of the place of a point: step of its derivative
 DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
 
 
@@ -213,7 +213,7 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
 
 # --- what instruments show ------------------------------------------------------------------------------------
 def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
-    recording, scene, asked = _where_it_is(view, point.task.model), point.scene, point.task.derivatives
+    recording, scene, asked = thermocouples.where(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
     face = Face.of(near.run)
@@ -244,7 +244,11 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
         if p.kind is Kind.EFFECT and p not in columns:
             keep(p, _refined(point, see, p, seen.temperature))
     if asked.optics:
-        for name, change in _optics(see, recording, shift, place, scene.length).items():
+        if recording.places is None:
+            unknown = _optics(see, recording, shift, place, scene.length)
+        else:
+            unknown = thermocouples.columns(see, recording, seen.temperature - scene.ambient + KELVIN)
+        for name, change in unknown.items():
             keep(name, change)
         later = see(place=replace(place, clock=place.clock + LAG))
         keep(ParameterId(Kind.CLOCK), (later - seen.temperature) / LAG)
@@ -280,8 +284,6 @@ def _optics(
 ) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
     out: Columns = {}
-    if recording.places is not None:
-        return _places(see, recording)
     slopes = np.zeros((2, *recording.temperature.shape))
     for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
         if n > 1:
@@ -299,34 +301,6 @@ def _optics(
         wide = replace(recording, psf_sigma_px=recording.psf_sigma_px * 1.01)
         out[ParameterId(Kind.SPREAD)] = (see(recording=wide) - see()) / 0.01
     return out
-
-
-def _places(see: Callable[..., Array], recording: Any) -> Columns:
-    """What it changes that each point sits further along x, y or z, per metre."""
-    out: Columns = {}
-    places = recording.places
-    for i in np.flatnonzero(places.place_sigma_m > 0):
-        step = AWAY * float(places.place_sigma_m[i])
-        for axis, name in enumerate("xyz"):
-            ahead, behind = (see(recording=replace(recording, places=places.moved(name, s, i))) for s in (step, -step))
-            out[placed(places.names[i], int(i), axis)] = (ahead - behind) / (2.0 * step)
-    return out
-
-
-def _where_it_is(view: View, model: Model) -> Recording:
-    """The recording with its points where the model has them."""
-    recording = view.recording
-    for i, name in enumerate(recording.places.names if recording.places is not None and model.beads else ()):
-        for axis, along in enumerate("xyz"):
-            step = model.beads.get(placed(name, i, axis).within(ALL, view.file), 0.0)
-            if step and recording.places is not None:
-                recording = replace(recording, places=recording.places.moved(along, step, i))
-    return recording
-
-
-def placed(name: str, number: int, axis: int) -> ParameterId:
-    """The place of a point along an axis: a name is that of one thermocouple in all recordings, a number is not."""
-    return ParameterId(Kind.PLACE, (number, axis)) if name.isdigit() else ParameterId(Kind.PLACE, (axis,), name=name)
 
 
 def _force(force: Force, near: Neighbourhood[ParameterId]) -> Observable:

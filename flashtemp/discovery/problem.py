@@ -16,6 +16,7 @@ from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.model import layers
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
@@ -116,11 +117,15 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
         if not c.optical:
             meshes.append(case.with_values({"effects": [*case.effects, c.effect]}).scene.mesh)
     refine = refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
-    return window(case, condition.views) | {
-        "road.depth": float(max(m.depth[-1] for m in meshes)),
-        "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,
-        "numerics.first_road": first_cells(case.scene, case.values["numerics"])["numerics.first_road"],
-    }
+    return (
+        window(case, condition.views)
+        | layers.cells(case.scene, case.values["numerics"])
+        | {
+            "road.depth": float(max(m.depth[-1] for m in meshes)),
+            "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,
+            "numerics.first_road": first_cells(case.scene, case.values["numerics"])["numerics.first_road"],
+        }
+    )
 
 
 # --- recordings that do not belong to their condition ---------------------------------------------------

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from flashtemp.discovery.fit import ENOUGH, Fit
-from flashtemp.discovery.parameters import ALL, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
 from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
 from flashtemp.physics.effect import Effect
@@ -19,7 +19,8 @@ CALLED = {
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
     Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
-    Kind.PLACE: "place of a point of", Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
+    Kind.PLACE: "place of a point of", Kind.SENSOR: "gain of a point of",
+    Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
     Kind.SIZE: "size of the block,", Kind.FLOOR: "the model's own error in",
 }  # fmt: skip
 
@@ -58,9 +59,11 @@ def called(p: ParameterId) -> str:
     >>> called(ParameterId(Kind.MAP, (1, 0), file="day 2/wall.nc")), called(ParameterId(Kind.LEVEL, condition=1))
     ('gain map of wall.nc (1, 0)', 'friction of condition 2')
     """
-    if p.kind is Kind.PLACE:
+    if p.kind in OF_A_POINT:
         point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
-        return f"place of point {point} along {'xyz'[p.index[-1]]}"
+        return (
+            f"gain of point {point}" if p.kind is Kind.SENSOR else f"place of point {point} along {'xyz'[p.index[-1]]}"
+        )
     where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""
     return f"{CALLED.get(p.kind, p.kind)} {where}{number}".strip()

@@ -11,9 +11,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.mesh import Mesh
+from flashtemp.model import layers
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Acting, Outline, Scene
 from flashtemp.model.schedule import Course, Schedule, Series
@@ -21,7 +22,7 @@ from flashtemp.model.schema import TABLES, refinement
 from flashtemp.physics import contributions
 from flashtemp.physics.effect import Deposit, Effect, Term
 from flashtemp.physics.interpolation import pairs
-from flashtemp.physics.material import LIBRARY, Material
+from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
 LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
@@ -36,7 +37,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
     """
     v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
-    materials = {side: _material(values, f"{side}.material") for side in ("block", "road")}
+    materials = {side: layers.material(values, f"{side}.material") for side in ("block", "road")}
     acting = _acting(values, effects, folder)
     course, pressure = _course(values, folder), _series(values, "contact.pressure", folder)
     plan = Schedule(
@@ -56,12 +57,13 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         track_length=v.road.track_length,
         stiffness=v.block.stiffness,
         resolved=v.numerics.across > 1,
+        layers=layers.stack(values),
     )
     said = [(part, a.p) for a in acting for part in a.contributions(outline)]
     depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
     remembers = _remembers(said)
     schedule = _with_laps(plan, v, remembers)
-    mesh = _mesh(v, outline.block, outline.road, schedule, remembers, depths, _resolves(said))
+    mesh = _mesh(v, outline, schedule, remembers, depths, _resolves(said))
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
@@ -80,6 +82,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         spot_fraction=outline.spot_fraction,
         track_length=outline.track_length,
         stiffness=outline.stiffness,
+        layers=outline.layers,
     )
     _check(built)
     return built
@@ -143,19 +146,7 @@ def _resolves(said: list[Any]) -> bool:
     return any(part.law(None, None, p) > 0 for part, p in terms)
 
 
-# --- materials and schedule --------------------------------------------------------------------------
-def _material(values: Values, key: str) -> Material:
-    """The material that a key names: one of the case's own, or of the library."""
-    table, last = key.split(".")
-    name = values[table][last]
-    own = {t.split(".", 1)[1]: d for t, d in values.items() if t.startswith("materials.")}
-    if name in own:
-        return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
-    if name in LIBRARY:
-        return LIBRARY[name]
-    raise BadInput(f"{key}: no material '{name}'{nearest(name, [*own, *LIBRARY])}; or add [materials.{name}]")
-
-
+# --- schedule -------------------------------------------------------------------------------------------
 def _series(values: Values, key: str, folder: Path) -> Series:
     """A number, or a file of time against value, as a function of time."""
     x, y = _rows(values, key, folder, 0.0)
@@ -197,14 +188,12 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 
 
 # --- mesh --------------------------------------------------------------------------------------------
-def _mesh(
-    v: Any, block: Material, road: Material, schedule: Schedule, remembers: bool, depths: list[float], even: bool
-) -> Mesh:
+def _mesh(v: Any, outline: Outline, schedule: Schedule, remembers: bool, depths: list[float], even: bool) -> Mesh:
     """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed.
 
     `even`: along the road all cells are as long.
     """
-    level = refinement(v.numerics.mesh)
+    level, block, road = refinement(v.numerics.mesh), outline.block, outline.road
     refine = tuple(level * f for f in v.numerics.finer)
     first = _first_cell(v, refine[1], depths, _first_block(v.numerics.first_block, block, schedule, depths))
     first_road = _first_road(v.numerics.first_road, road, v.block.length, schedule)
@@ -229,20 +218,22 @@ def _mesh(
         refine_y=level,
         both=len(schedule.directions) > 1,
         even=even and len(schedule.directions) == 1,
+        layers=tuple((layer.thickness, layer.cells) for layer in outline.layers),
     )
 
 
-def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, float]:
+def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, Any]:
     """First cells (m) of block and road at mesh = 1, as keys of a case: given by its `numerics`, or by the rules.
 
-    Keys so pinned keep the mesh of a scene while what the rules look at moves: speed, diffusivity, depth of heat.
+    Keys so pinned keep the mesh of a scene while what the rules look at moves: speed, diffusivity, depth of heat;
+    with them the cells of every layer.
     """
     said = [part for acting in built.acting for part in acting.contributions(built)]
     depths = _depths([part for part in said if isinstance(part, Deposit)])
     return {
         "numerics.first_block": _first_block(numerics["first_block"], built.block, built.schedule, depths),
         "numerics.first_road": _first_road(numerics["first_road"], built.road, built.length, built.schedule),
-    }
+    } | layers.cells(built, numerics)
 
 
 def _first_block(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:
@@ -309,12 +300,17 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, fir
 # --- what only the whole scene can tell --------------------------------------------------------------
 def _check(built: Scene) -> None:
     """BadInput where block, spots and pressure of a scene cannot be."""
+    for acting in built.acting if built.layers else ():
+        if acting.effect.uniform:
+            raise BadInput(f"effects: '{acting.name}' takes the block for one material; leave it out, or the layers")
     laws, now, mesh = Laws(built), built.moment(built.schedule.phases[0], 0.0), built.mesh
     worn = laws_mean(laws, "block.worn", mesh, now, 0.0).max()
-    if worn >= built.height:
+    key, most = ("block.height", built.height)
+    if built.layers:
+        key, most = f"layers.{built.layers[0].name}.thickness", built.layers[0].thickness
+    if worn >= most:
         raise BadInput(
-            f"block.height: {built.height:g} m is not more than the {worn:g} m worn off its face at the start; "
-            "give that profile in m"
+            f"{key}: {most:g} m is not more than the {worn:g} m worn off its face at the start; give that profile in m"
         )
     laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
     mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.model import build, case_file, kinds, numerics, schema
+from flashtemp.model import build, case_file, kinds, layers, numerics, schema
 from flashtemp.model.case_file import Places, Reader
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
@@ -125,11 +125,13 @@ class Case(Shown):
             out["candidates"] = [paths.get(n, n) for n in self.candidates]
         for table, values in self.values.items():
             kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
+            if table == "block" and layers.names(self.values):
+                kept = {k: v for k, v in kept.items() if k not in layers.FOLLOW}
             kept |= {
                 k: {"value": v, "sd": self.priors[n]} for k, v in kept.items() if (n := f"{table}.{k}") in self.priors
             }
-            if table.startswith("materials."):
-                out.setdefault("materials", {})[table.split(".", 1)[1]] = kept
+            if kind := schema.named(table):
+                out.setdefault(kind, {})[table.split(".", 1)[1]] = kept
             elif kept:
                 out[table] = kept
         return out
@@ -219,7 +221,7 @@ def _own(
             continue
         key = "effects" if path in (case_file.listed(raw.get("effects", [])) or ()) else "candidates"
         file, name = folder / path, Path(path).stem
-        if name in (*schema.TABLES, *schema.APART, *case_file.LISTS, "materials"):
+        if name in (*schema.TABLES, *schema.APART, *case_file.LISTS, *schema.NAMED):
             faults.append(f"{where(key)}: {path!r}: '{name}' is a key of every case; give the file another name")
         elif twin := next((o.path for o in found.values() if o.name == name), None):
             faults.append(f"{where(key)}: {path!r} and {twin!r} are both named '{name}'; give one another name")

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput, nearest, short
-from flashtemp.model import priors, units
-from flashtemp.model.schema import APART, MATERIAL, TABLES, declared, fault
+from flashtemp.model import layers, priors, units
+from flashtemp.model.schema import APART, NAMED, NEEDED, TABLES, declared, fault
 from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
@@ -123,8 +123,9 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
 def merge(raw: Table, given: Table, by: str) -> Table:
     """Overrides, given `by` somebody, laid over the tables of a file; neither is changed.  Raises BadInput."""
     out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
-    if isinstance(out.get("materials"), dict):
-        out["materials"] = {k: dict(v) if isinstance(v, dict) else v for k, v in out["materials"].items()}
+    for kind in NAMED:
+        if isinstance(out.get(kind), dict):
+            out[kind] = {k: dict(v) if isinstance(v, dict) else v for k, v in out[kind].items()}
     for dotted, value in given.items():
         *path, last = dotted.split(".")
         at = out
@@ -192,17 +193,22 @@ class Reader:
                 self.fault(table, f'table of an effect that is not listed; add "{table}" to effects')
             else:
                 self.fault(table, f"unknown key{_whole(table, tables)}")
-        return {t: self._table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
+        values = {t: self._table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
+        for key, said in layers.settle(values, raw.get("block", {})):
+            self.fault(key, said)
+        return values
 
     def _tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:
         """Raw tables with every material one of its own, and the declared keys of all that this case may have."""
-        own = raw.get("materials", {})
-        if not isinstance(own, dict):
-            self.fault("materials", f"{own!r}; write [materials.NAME] and its properties below it")
-            own = {}
-        names = [f"materials.{n}" for n in own]
+        flat, names = {k: v for k, v in raw.items() if k not in NAMED}, []
+        for kind in NAMED:
+            own = raw.get(kind, {})
+            if not isinstance(own, dict):
+                self.fault(kind, f"{short(repr(own))}; write [{kind}.NAME] and its keys below it")
+                own = {}
+            names += [f"{kind}.{n}" for n in own]
+            flat |= {f"{kind}.{n}": v for n, v in own.items()}
         apart = [t for t in APART if t in raw]
-        flat = {k: v for k, v in raw.items() if k != "materials"} | {f"materials.{n}": v for n, v in own.items()}
         return flat, {t: declared(t, self.known) for t in [*TABLES, *apart, *names, *effects]}
 
     def _table(self, table: str, keys: dict[str, Param], given: Any) -> Table:
@@ -217,8 +223,8 @@ class Reader:
         for key, param in keys.items():
             if key not in given:
                 out[key] = param.value
-                if param.value is None and keys is MATERIAL:
-                    self.fault(table, f"{key} is missing; give it in {param.unit}")
+                if param in NEEDED:
+                    self.fault(table, f"{key} is missing; give it{f' in {param.unit}' if param.unit else ''}")
                 continue
             value = self._in_unit(table, key, param, self._plain(table, key, param, given[key]))
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:

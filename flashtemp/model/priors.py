@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.errors import BadInput, nearest
+from flashtemp.model import layers
+from flashtemp.model.schema import named
 from flashtemp.physics.effect import Param
 from flashtemp.physics.material import LIBRARY
 
@@ -43,6 +45,11 @@ OF_MATERIALS: dict[str, tuple[float, bool, str]] = {
     "density": (0.02, RELATIVE, "weighed samples"),
     "heat_capacity": (0.05, RELATIVE, "calorimetry of compounds of one kind"),
 }
+OF_LAYERS: dict[str, tuple[float, bool, str]] = {
+    "thickness": (0.01, RELATIVE, "gauge of sheets and boards"),
+    "contact_resistance": (0.3, RELATIVE, "like contacts differ so with pressure and finish"),
+}
+OF_NAMED = {"materials": OF_MATERIALS, "layers": OF_LAYERS}
 UNFIT = ("numerics", "output", "limits", "tread", "tyre")  # tables that describe no physics of a run
 
 
@@ -90,7 +97,8 @@ class Input:
 def with_materials(case: Any) -> Any:
     """The case with ready materials written out, so that their numbers are keys like others."""
     written: dict[str, float] = {}
-    for name in {case["block.material"], case["road.material"]}:
+    stack = [case[f"layers.{n}.material"] for n in layers.names(case.values)]
+    for name in dict.fromkeys([case["block.material"], case["road.material"], *stack]):
         if f"materials.{name}" not in case.values:
             written |= {f"materials.{name}.{k}": getattr(LIBRARY[name], k) for k in OF_MATERIALS}
     return case.with_values(written) if written else case
@@ -121,7 +129,8 @@ def _numbers(case: Stated) -> list[tuple[str, str, float]]:
             value = values.get(key)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
                 continue
-            if "number" in param.kinds:
+            follows = table == "block" and key in layers.FOLLOW and bool(layers.names(case.values))
+            if "number" in param.kinds and not follows:
                 out.append((table, key, float(value)))
     return out
 
@@ -141,7 +150,7 @@ def _input(case: Stated, key: str, value: float) -> Input | None:
     table, name = key.rsplit(".", 1)
     param = case.declared(table)[name]
     stated = case.priors.get(key)
-    usual = OF_MATERIALS.get(name) if table.startswith("materials.") else USUAL.get(key)
+    usual = OF_NAMED[kind].get(name) if (kind := named(table)) else USUAL.get(key)
     if stated is None and usual is None:
         return None
     sd, reason = (stated, "the case") if stated is not None else (0.0, "")

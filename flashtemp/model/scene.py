@@ -14,7 +14,7 @@ from flashtemp.model.schedule import Phase, Schedule
 from flashtemp.physics import contributions
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.effect import Effect
-from flashtemp.physics.material import Material
+from flashtemp.physics.material import Layer, Material
 
 GAUSS = np.polynomial.legendre.leggauss(3)
 
@@ -89,6 +89,7 @@ class Outline:
     track_length: float | None
     stiffness: float
     resolved: bool
+    layers: tuple[Layer, ...] = ()
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -119,7 +120,8 @@ class Scene:
     """A block on a road: everything the balance needs, nothing about files or solvers.
 
     Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
-    `stiffness` of the block as a spring foundation, Pa per m of compression.
+    `stiffness` of the block as a spring foundation, Pa per m of compression.  `layers` of the block from the face
+    upwards, of which `block` is the first one's material; none where it is one material.
     """
 
     mesh: Mesh
@@ -134,6 +136,7 @@ class Scene:
     track_length: float | None = None
     stiffness: float = 1.4e9
     spot_fraction: float = 0.2
+    layers: tuple[Layer, ...] = ()
 
     @property
     def width(self) -> float:
@@ -154,6 +157,20 @@ class Scene:
     def resolved(self) -> bool:
         """Whether there are cells across: 3D."""
         return bool(self.mesh.n_across > 1)
+
+    def of_block(self, name: str) -> Any:
+        """A property of the block's material by its name: a number, or with layers one for each cell (n_block,)."""
+        if not self.layers:
+            return getattr(self.block, name)
+        own = zip(self.layers, self.mesh.layers, strict=True)
+        return np.concatenate([np.full(s.stop - s.start, getattr(layer.material, name)) for layer, s in own])
+
+    def in_layer(self, name: str) -> Array:
+        """1 in the cells (n_block,) up the block that belong to a layer, 0 in the others."""
+        inside = np.zeros(self.mesh.n_block)
+        for layer, cells in zip(self.layers, self.mesh.layers, strict=True):
+            inside[cells] = layer.name == name
+        return inside
 
     def moment(self, phase: Phase, t: float) -> Moment:
         """The schedule at time t within a phase."""
@@ -178,7 +195,18 @@ class Scene:
 
     def __str__(self) -> str:
         names = ", ".join(a.name for a in self.acting)
-        return f"Scene\n  {self.mesh}\n  {self.schedule}\n  effects: {names}"
+        stack = "".join(f"\n  {line}" for line in layer_lines(self.layers))
+        return f"Scene\n  {self.mesh}{stack}\n  {self.schedule}\n  effects: {names}"
+
+
+def layer_lines(layers: tuple[Layer, ...]) -> list[str]:
+    """The layers of a block in words, one line each from the face upwards."""
+    last = len(layers) - 1
+    return [
+        f"layer '{a.name}', {1e3 * a.thickness:g} mm"
+        + ("" if n == last else f", {a.contact_resistance:g} m2K/W to '{layers[n + 1].name}'")
+        for n, a in enumerate(layers)
+    ]
 
 
 def gauss_mean(law: Callable[..., Value], edges: Array, *args: Any) -> Array:

@@ -154,6 +154,30 @@ MATERIAL = {
     "heat_capacity": Param(None, "J/kgK", "specific heat capacity", low=0.0, high=1e6, open_low=True),
 }
 
+LAYER = {
+    "material": Param(None, "", "name of a material", kinds=TEXT),
+    "thickness": Param(None, "m", "thickness; all together are block.height", low=1e-6, high=1.0),
+    "contact_resistance": Param(
+        0.0, "m2K/W", "of the contact with the layer above, away from the face", low=0.0, high=1e3
+    ),
+    "cells": Param(
+        None, "1", "cells of the layer at mesh = 1; as the block is graded if not given",
+        low=3, high=5000, kinds=("whole",),
+    ),
+}  # fmt: skip
+NAMED = {"materials": MATERIAL, "layers": LAYER}  # tables of many: [materials.NAME]
+NEEDED = (*MATERIAL.values(), LAYER["material"], LAYER["thickness"])  # have no default that would do
+
+
+def named(table: str) -> str:
+    """Which of NAMED a table belongs to, "" where to none.
+
+    >>> named("layers.copper"), named("block")
+    ('layers', '')
+    """
+    kind, dot, _ = table.partition(".")
+    return kind if dot and kind in NAMED else ""
+
 
 def refinement(level: str | float) -> float:
     """Factor on the number of cells per direction of a numerics.mesh."""
@@ -162,8 +186,8 @@ def refinement(level: str | float) -> float:
 
 def declared(table: str, known: Mapping[str, type[Effect]] | None = None) -> dict[str, Param]:
     """All keys of a table of a case with their declarations; effects are looked up in `known`, or the catalogue."""
-    if table.startswith("materials."):
-        return MATERIAL
+    if kind := named(table):
+        return NAMED[kind]
     out = dict(TABLES.get(table) or APART.get(table, {}))
     for name, effect in (catalogue() if known is None else known).items():
         if (effect.section if effect.base else name) == table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flashtemp.model.schema import TABLES, declared
+from flashtemp.model.schema import NAMED, TABLES, declared
 from flashtemp.model.toml_value import value_text
 from flashtemp.physics.effect import Param
 
@@ -14,13 +14,18 @@ title = "my case"
 # effects = ["track_memory", "friction_softening"]   # `flashtemp effects` tells all
 # free = ["friction.mu"]                             # what a fit to measured data may move
 """
+MANY = {  # what tables of a name are, for people
+    "materials": "a material of your own",
+    "layers": "the block in layers, in this order from its face upwards",
+}
 LAST = ("numerics", "output", "limits")  # tables that most do without
 
 
 def case_text() -> str:
     """The commented case."""
     ordered = [t for t in TABLES if t not in LAST] + [t for t in TABLES if t in LAST]
-    return HEAD + "".join(f"\n[{table}]\n{_keys(declared(table))}" for table in ordered)
+    out = HEAD + "".join(f"\n[{table}]\n{_keys(declared(table))}" for table in ordered)
+    return out + "".join(f"\n# [{kind}.NAME]   # {MANY[kind]}\n{_keys(keys)}" for kind, keys in NAMED.items())
 
 
 def _keys(keys: dict[str, Param]) -> str:

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Protocol
 
 from flashtemp.errors import BadInput, nearest
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.material import Material
+from flashtemp.physics.material import Layer, Material
 
 Law = Callable[..., Value]  # law(T, now, p): T in K, `now` the moment, `p` the effect's parameters
 FilmLaw = Callable[..., Value]  # law(now, p)
@@ -30,7 +30,7 @@ FilmLaw = Callable[..., Value]  # law(now, p)
 class SceneView(Protocol):
     """What `heat()` may ask of a scene: lengths in m, `ambient` in K, `speeds` m/s, `load` Pa; `resolved` in 3D.
 
-    Laws may ask for its `mesh` too.
+    Laws may ask for its `mesh` too, and `in_layer(name)` for the cells (n_block,) up the block that are of a layer.
     """
 
     @property
@@ -61,6 +61,8 @@ class SceneView(Protocol):
     def load(self) -> float: ...
     @property
     def resolved(self) -> bool: ...
+    @property
+    def layers(self) -> tuple[Layer, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,7 @@ class Effect:
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
     needs: ClassVar[str] = ""  # without which it cannot act, for people
+    uniform: ClassVar[bool] = False  # takes the block for one material: refused where it has layers
     steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure
 
     @classmethod
@@ -200,6 +203,19 @@ class Effect:
     def see(self, p: Any) -> Iterator[Factor | Term]:
         """Contributions to what a camera makes of the temperatures."""
         return iter(())
+
+
+def layer_of(about: str) -> Param:
+    """The key by which an effect is told of one layer of the block."""
+    return Param(None, "1", f"name of a layer of the block: {about}", kinds=("name",))
+
+
+def among(scene: SceneView, name: str | None, key: str) -> str | None:
+    """The name that a key gives, if it is that of a layer of the block.  Raises BadInput."""
+    known = [layer.name for layer in scene.layers]
+    if name is not None and name not in known:
+        raise BadInput(f"{key}: {name!r} is no layer of the block{nearest(name, known)}; leave it out, or add it")
+    return name
 
 
 @cache

@@ -34,6 +34,20 @@ class Material:
         return float((self.conductivity * self.volumetric_capacity) ** 0.5)
 
 
+@dataclass(frozen=True)
+class Layer:
+    """A layer of the block: its `material`, `thickness` in m, and the `contact_resistance` in m2K/W to the layer above.
+
+    `cells` at mesh = 1, None for as many as the block's grading puts there.
+    """
+
+    name: str
+    material: Material
+    thickness: float
+    contact_resistance: float = 0.0
+    cells: int | None = None
+
+
 LIBRARY = {
     "tread_rubber": Material(0.25, 1200.0, 1700.0, "typical filled tread compound"),
     "asphalt": Material(1.0, 2300.0, 950.0, "hot-mix asphalt 0.896 +- 0.023 W/mK, Carlson 2010"),

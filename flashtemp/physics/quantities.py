@@ -95,7 +95,10 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("block.conductivity", "1", "1", "k(T) over k of the material", "T of the cells, K"),
         Quantity("road.conductivity", "1", "1", "k(T) over k of the material", "T of the cells, K"),
         Quantity("block.conductivity_along", "1", "1", "k along x over k in depth of the rubber", ALONE),
-        Quantity("block.capacity_gradient", "1/K", "0", "slope of rho c with temperature", ALONE),
+        Quantity(
+            "block.capacity_gradient", "1/K", "0", "slope of rho c with temperature",
+            "nothing at all, `now` is None: a number, or one for each cell up the block",
+        ),
         Quantity("road.capacity_gradient", "1/K", "0", "slope of rho c with temperature", ALONE),
     )
 }  # fmt: skip

@@ -58,7 +58,7 @@ def _without_fields(folder: Path, case: cases.Case) -> Run:
         field=np.zeros((0, mesh.n_cells)),
         ambient_degC=float(ds.attrs["ambient_degC"]),
         width=scene.width,
-        conductivity=(scene.block.conductivity, scene.road.conductivity),
+        conductivity=(scene.of_block("conductivity"), scene.road.conductivity),
         case_text=(folder / "case.toml").read_text(encoding="utf-8"),
         maps=maps,
     )

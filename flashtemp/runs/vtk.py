@@ -7,6 +7,7 @@ import shutil
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -31,14 +32,19 @@ class Body:
     y: np.ndarray
     z: np.ndarray
     cells: np.ndarray
-    k: float
+    k: Any
+    layers: tuple[slice, ...] = (slice(None),)
 
     def heat_flux(self, T: np.ndarray) -> np.ndarray:
-        """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, ny, nz)."""
+        """Conductive heat flux -k grad T (cells, 3) in W/m2 of cell temperatures T (nx, ny, nz), layer by layer."""
         out = np.zeros((*T.shape, 3), dtype=np.float32)
         for axis, edges in enumerate((self.x, self.y, self.z)):
             if T.shape[axis] > 1:
-                out[..., axis] = -self.k * np.gradient(T, 0.5 * (edges[1:] + edges[:-1]), axis=axis)
+                centre = 0.5 * (edges[1:] + edges[:-1])
+                for part in self.layers if axis == 2 else (slice(None),):
+                    at = (..., part) if axis == 2 else (...,)
+                    out[(*at, axis)] = np.gradient(T[at], centre[part], axis=axis)
+                out[..., axis] *= -self.k
         return out.reshape(-1, 3)
 
 
@@ -50,7 +56,11 @@ def bodies(run: Run) -> dict[str, Body]:
         "block": (x_block, mesh.height, mesh.block, run.conductivity[0]),
         "road": (mesh.x, -mesh.depth[::-1], mesh.road, run.conductivity[1]),
     }
-    return {name: Body(x, y, z, np.swapaxes(mesh.everywhere(c), 1, 2), k) for name, (x, z, c, k) in parts.items()}
+    layers = {"block": tuple(mesh.layers)} if mesh.joints else {}
+    return {
+        name: Body(x, y, z, np.swapaxes(mesh.everywhere(c), 1, 2), k, layers.get(name, (slice(None),)))
+        for name, (x, z, c, k) in parts.items()
+    }
 
 
 def contact(run: Run, frame: int) -> dict[str, np.ndarray]:

@@ -33,16 +33,21 @@ class Balance:
         self.laws = Laws(scene)
         self.n = mesh.n_cells
         rc, k = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
-        rc[mesh.block], k[mesh.block] = scene.block.volumetric_capacity, scene.block.conductivity
+        rc[mesh.block], k[mesh.block] = scene.of_block("volumetric_capacity"), scene.of_block("conductivity")
         rc[mesh.road], k[mesh.road] = scene.road.volumetric_capacity, scene.road.conductivity
         self.capacity, self.conductivity = rc * mesh.volume, k
         along = np.where(mesh.level < mesh.n_road, 1.0, self.laws("block.conductivity_along", 1.0, None, None))
         self.half_x = mesh.width / (2 * k * along * mesh.thickness)
         self.half_z = mesh.thickness / (2 * k * mesh.width)
+        self.gap = np.zeros(mesh.n_plane)  # resistance (m K/W) between a cell and the one above, besides their halves
+        for layer, cells in zip(scene.layers[:-1], mesh.layers, strict=False):
+            below = mesh.block[:, cells.stop - 1]
+            self.gap[below] = layer.contact_resistance / mesh.width[below]
         self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
         self.ones = np.ones(self.n)
         one = self.ones[: mesh.n_plane]
-        kernels_2d.face_conductances(mesh.start, mesh.n_road, self.half_x, self.half_z, one, self.gx, self.gz)
+        halves = self.half_x, self.half_z, self.gap
+        kernels_2d.face_conductances(mesh.start, mesh.n_road, *halves, one, self.gx, self.gz)
         self.road_frame = RoadFrame.of(scene, self.laws)
         self.g_in = 1.0 / self.half_x[: mesh.n_road] if self.road_frame is None else np.zeros(mesh.n_road)
         faces = mesh.x[1:]

@@ -100,7 +100,7 @@ class Plane:
         if kf is b.ones:
             return b.gx, b.gz
         gx, gz = np.empty_like(kf), np.empty_like(kf)
-        kernels_2d.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, kf, gx, gz)
+        kernels_2d.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, b.gap, kf, gx, gz)
         return gx, gz
 
     def flows(self, T, h, T_in, h_in, conductances, carry, q) -> None:
@@ -193,7 +193,7 @@ class Slab(Plane):
         face = np.full(mesh.n_plane, -1)
         face[faces] = np.arange(len(faces))
         gy, even = b.conductivity * mesh.volume, np.ones(1)
-        return cls(b, lines, Walls(b.gx, b.gz, gy, b.half_x, b.half_z, even, dy, before, after), faces, face)
+        return cls(b, lines, Walls(b.gx, b.gz, gy, b.half_x, b.half_z, b.gap, even, dy, before, after), faces, face)
 
     def conductances(self, kf):
         """What conducts between cells, for factors kf (cells,) on conductivity: what `flows` takes."""

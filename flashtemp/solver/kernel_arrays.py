@@ -61,8 +61,8 @@ class Walls(NamedTuple):
 
     While conductivity is constant all planes share the conductances `gx`, `gz` (as in `Transport`) and `gy` = k dx dz
     (n_plane,), and `factor` has one dimension; else `factor` k/k_reference is (n_plane, planes), and the half-cell
-    resistances `half_x`, `half_z` count.  `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at
-    the side walls; `dy` (planes,) m.
+    resistances `half_x`, `half_z` count, and `gap` of contacts with the cell above.
+    `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at the side walls; `dy` (planes,) m.
     """
 
     gx: np.ndarray
@@ -70,6 +70,7 @@ class Walls(NamedTuple):
     gy: np.ndarray
     half_x: np.ndarray
     half_z: np.ndarray
+    gap: np.ndarray
     factor: np.ndarray
     dy: np.ndarray
     before: np.ndarray

@@ -11,16 +11,17 @@ from numba import njit
 
 
 @njit(cache=True)
-def face_conductances(start, m, half_x, half_z, factor, gx, gz):
+def face_conductances(start, m, half_x, half_z, gap, factor, gx, gz):
     """Series conductances W/(m K) per metre across: gx to the line upstream, gz to the cell above.
 
-    `half_x`, `half_z` are half-cell resistances at reference conductivity, `factor` k/k_reference.
+    `half_x`, `half_z` are half-cell resistances at reference conductivity, `gap` that of a contact with the cell above,
+    `factor` k/k_reference.
     """
     n = len(start) - 1
     for i in range(n):
         a, b = start[i], start[i + 1]
         for c in range(a, b - 1):
-            gz[c] = 1.0 / (half_z[c] / factor[c] + half_z[c + 1] / factor[c + 1])
+            gz[c] = 1.0 / (half_z[c] / factor[c] + half_z[c + 1] / factor[c + 1] + gap[c])
         gz[b - 1] = 0.0
         if b - a > m:
             gz[a + m - 1] = 0.0  # the interface belongs to the contact laws

@@ -62,7 +62,7 @@ def flows(lines, walls, carry, T, h, T_in, h_in, q):
     While conductivity is constant; `T_in`, `h_in` (m, planes) and the rest as in `kernels_2d.heat_flows`.
     """
     start, m, _, capacity, slope, g_in, _, share = lines  # locals: an attribute in a loop would count references
-    gx, gz, gy, _, _, _, _, before, after = walls
+    gx, gz, gy, _, _, _, _, _, before, after = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
         line = _line(i, start)
@@ -89,7 +89,7 @@ def flows(lines, walls, carry, T, h, T_in, h_in, q):
 def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
     """`flows` where conductivity varies."""
     start, m, _, capacity, slope, g_in, _, share = lines
-    _, _, gy, half_x, half_z, factor, dy, _, _ = walls
+    _, _, gy, half_x, half_z, gap, factor, dy, _, _ = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
         line = _line(i, start)
@@ -98,8 +98,8 @@ def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
             up, down, back, to = _neighbours(k, line, m)
             for j in range(ny):
                 f, here = factor[c, j], T[c, j]
-                over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j]))
-                under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j]))
+                over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j] + gap[c]))
+                under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j] + gap[down]))
                 ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
                 along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
                 q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)

@@ -164,7 +164,7 @@ def finish(balance: Balance, now: Progress, title: str) -> Run:
         maps=maps,
         ambient_degC=scene.ambient - KELVIN,
         width=scene.width,
-        conductivity=(scene.block.conductivity, scene.road.conductivity),
+        conductivity=(scene.of_block("conductivity"), scene.road.conductivity),
         statistics={
             "steps": now.steps,
             "rhs_evaluations": now.calls["rate"],

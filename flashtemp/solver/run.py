@@ -7,6 +7,7 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,8 @@ class Run(Shown):
     surface averaged across y, over lanes and gaps; `friction` (n,) load
     weighted; `worn` (n, lines) worn depth in m; `tilt` (n,) of the holder in rad, leading edge down;
     `energy` {ledger entry: (n,)}; `frames` indices into `time` with cell temperatures
-    `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block and road.
+    `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block, (n_block,) where it has layers,
+    and road.
     In 3D profiles are means across y, and `maps` {name: (frames, lines, planes)} resolve them.
     x, `mesh` and `tilt` are the block's own whichever way it slides; where it slides back at all, `direction` (n,) is
     1 or -1, and `T_wake` behind it and `T_ahead` (n, lines before it) count from the edge that leads.
@@ -48,7 +50,7 @@ class Run(Shown):
     field: np.ndarray
     ambient_degC: float
     width: float
-    conductivity: tuple[float, float] = (0.25, 1.0)
+    conductivity: tuple[Any, float] = (0.25, 1.0)
     statistics: dict = dataclasses.field(default_factory=dict)
     case_text: str = ""
     maps: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)

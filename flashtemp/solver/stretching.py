@@ -12,7 +12,7 @@ from flashtemp.model.schedule import Phase, Schedule
 
 
 def stretched(plain: Scene, scene: Scene) -> Mesh:
-    """The mesh of a `plain` scene, its block stretched to the length, height and width of another `scene`.
+    """The mesh of a `plain` scene, its block stretched to length, height, layers and width of another `scene`.
 
     The road before, behind and below keeps its cells.  Raises ValueError where the other has another number of cells
     or repetitions: it is no neighbour.
@@ -23,13 +23,17 @@ def stretched(plain: Scene, scene: Scene) -> Mesh:
         raise ValueError("a neighbour needs the mesh of the run, or that stretched")
     if scene.schedule.repetitions != plain.schedule.repetitions or _rests(scene.schedule) != _rests(plain.schedule):
         raise ValueError("a neighbour needs the schedule of the run, or that stretched")
+    if mesh.joints != other.joints:
+        raise ValueError("a neighbour needs the layers of the run, or those stretched")
     L, sizes = plain.length, [(s.length, s.height, s.width) for s in (plain, scene)]
-    if sizes[0] == sizes[1]:
+    ends, after = (np.cumsum([0.0, *(layer.thickness for layer in s.layers)]) for s in (plain, scene))
+    if sizes[0] == sizes[1] and np.array_equal(ends, after):
         return mesh
     along, up, across = (b / a for a, b in zip(*sizes, strict=True))
+    height = np.interp(mesh.height, ends, after) if mesh.joints else mesh.height * up
     behind = np.maximum(mesh.x - L, 0.0)
     x = np.where(mesh.x <= 0.0, mesh.x, np.minimum(mesh.x, L) * along + behind)
-    return replace(mesh, x=x, height=mesh.height * up, y=mesh.y * across)
+    return replace(mesh, x=x, height=height, y=mesh.y * across)
 
 
 def _rests(schedule: Schedule) -> bool:

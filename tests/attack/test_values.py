@@ -67,4 +67,4 @@ def folder(tmp_path):
 def test_some_wrong_values(folder):
     found = attack(folder, random.Random(SEED).sample(attacks(), QUICK))
     assert found["told"] > QUICK / 2
-    assert found["taken"] > 5
+    assert found["taken"] > 0  # about one in seventeen

@@ -1,6 +1,6 @@
-"""Thin the published table to the rows of this folder: `python thin.py Black-Insulation_q50_Temp.csv`.
+"""Thin the published tables: `python thin.py Black-Insulation_q50_Temp.csv Black-Copper_q50_Temp.csv`.
 
-Every 2 s up to 120 s, every 10 s after; degC instead of K; nothing is smoothed.
+The board every 2 s up to 120 s, every 10 s after; the copper disc every 2 s; degC instead of K; nothing is smoothed.
 """
 
 import sys
@@ -12,8 +12,15 @@ HERE = Path(__file__).parent
 EARLY, FITTED = 120, 600  # s
 
 
-def main(source: str) -> None:
-    """Write face, middle and back, and all three together."""
+def main(board: str, copper: str) -> None:
+    """Write face, middle and back of the board, all three together, and the back of the copper disc."""
+    table = np.genfromtxt(copper, delimiter=",", skip_header=2)
+    even = table[:, 0] % 2 == 0
+    _write("copper", "time_s,degC", table[even, 0], table[even, 1:2] - 273.15)
+    _of_board(board)
+
+
+def _of_board(source: str) -> None:
     table = np.genfromtxt(source, delimiter=",", skip_header=2)
     time = table[:, 0]
     table = table[((time <= EARLY) & (time % 2 == 0)) | (time % 10 == 0)]
@@ -35,4 +42,4 @@ def _write(name: str, header: str, time: np.ndarray, values: np.ndarray) -> None
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:3])

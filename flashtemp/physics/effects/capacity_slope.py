@@ -1,14 +1,14 @@
 """Heat capacity changes with temperature: c = c_0 [1 + slope (T - T_0)].
 
 >>> from types import SimpleNamespace as N
->>> block, road = CapacitySlope().heat(None, None)
+>>> block, road = CapacitySlope().heat(N(layers=()), N(layer=None))
 >>> block.law(None, None, N(block=0.003, road=0.0))
 0.003
 """
 
 from __future__ import annotations
 
-from flashtemp.physics.effect import Effect, Param, Term
+from flashtemp.physics.effect import Effect, Param, Term, among, layer_of
 
 
 class CapacitySlope(Effect):
@@ -21,7 +21,12 @@ class CapacitySlope(Effect):
     block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)
 
+    layer = layer_of("`block` is about it alone; about all of the block if not given")
+
     def heat(self, scene, p):
         """Slopes of the enthalpy's derivative."""
-        yield Term("block.capacity_gradient", lambda T, now, p: p.block)
+        where = among(scene, p.layer, "capacity_slope.layer")
+        yield Term(
+            "block.capacity_gradient", lambda T, now, p: p.block if where is None else p.block * scene.in_layer(where)
+        )
         yield Term("road.capacity_gradient", lambda T, now, p: p.road)

@@ -1,14 +1,14 @@
 """Thermal conductivity changes with temperature: k = k_0 [1 + slope (T - T_0)].
 
 >>> from types import SimpleNamespace as N
->>> block, road = ConductivitySlope().heat(N(ambient=293.15), None)
+>>> block, road = ConductivitySlope().heat(N(ambient=293.15, layers=()), N(layer=None))
 >>> round(block.law(303.15, None, N(block=-0.002, road=0.0)), 6)
 0.98
 """
 
 from __future__ import annotations
 
-from flashtemp.physics.effect import Effect, Factor, Param
+from flashtemp.physics.effect import Effect, Factor, Param, among, layer_of
 
 
 class ConductivitySlope(Effect):
@@ -21,8 +21,15 @@ class ConductivitySlope(Effect):
     block = Param(-0.002, "1/K", "relative slope of the rubber's conductivity", low=-0.005, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's conductivity", low=-0.005, high=0.02, off=0.0)
 
+    layer = layer_of("`block` is about it alone; about all of the block if not given")
+
     def heat(self, scene, p):
         """Multiplies both conductivities."""
-        zero = scene.ambient
-        yield Factor("block.conductivity", lambda T, now, p: 1.0 + p.block * (T - zero))
+        zero, where = scene.ambient, among(scene, p.layer, "conductivity_slope.layer")
+
+        def of_block(T, now, p):
+            warmer = 1.0 + p.block * (T - zero)
+            return warmer if where is None else 1.0 + (warmer - 1.0) * scene.in_layer(where)[:, None]
+
+        yield Factor("block.conductivity", of_block)
         yield Factor("road.conductivity", lambda T, now, p: 1.0 + p.road * (T - zero))

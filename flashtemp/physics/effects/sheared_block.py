@@ -19,6 +19,7 @@ class ShearedBlock(Effect):
 
     cause = "friction shears the block, which presses its leading edge"
     source = "plane strain of a block held at its top, theory 7.1; for tall blocks 3 mu H/L (1 - 2x/L), beam theory"
+    uniform = True
     tells = ("leading edge pressed harder, the more so the higher friction", "fades as friction falls with temperature")
     alike = "edge_pressure"
 

@@ -20,6 +20,7 @@ class ThermalExpansion(Effect):
 
     cause = "the block swells where it is hot, and takes load from where it is cool"
     source = "layer held sideways, Boley and Weiner; filled tread rubber: 4.5e-4 to 6e-4 per K of volume"
+    uniform = True
     tells = ("trailing edge pressed harder, the more so the hotter", "grows during a repetition, fades in a wait")
     alike = "pressure_tilt"
 

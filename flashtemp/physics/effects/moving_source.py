@@ -1,0 +1,78 @@
+"""A source moves over the face of a block that nothing touches: a line, or both arcs of a round tool's rim.
+
+>>> from types import SimpleNamespace as N
+>>> arcs, _ = MovingSource().heat(N(width=0.01), None)
+>>> more = {"axis": 0.0, "tilt": 0.0, "back_tilt": 0.0, "edges": 0.0, "chips": 0.0}
+>>> p = N(strength=1e3, speed=2e-3, enters=1.0, width=1e-3, back=0.5, back_width=None, radius=5e-3, **more)
+>>> now = N(t=6.0, x=0.01, y=0.0, touching=False)  # the leading arc is here, the trailing one at x = 0
+>>> round(arcs.law(300.0, now, p)), round(arcs.law(300.0, N(t=6.0, x=0.0, y=0.0, touching=False), p))
+(398942, 199471)
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite, pi, sqrt
+
+import numpy as np
+
+from flashtemp.physics.effect import Effect, Heat, Param, Term
+
+
+class MovingSource(Effect):
+    """Heat of a cutter, a torch or a laser: a Gaussian along x about a line across, or about the rim of a tool."""
+
+    cause = "a source moves over the face of the block"
+    source = (
+        "moving Gaussian source, Rosenthal (1946) and followers; the rim of a face mill cuts in front and rubs behind"
+    )
+    tells = ("a maximum that wanders along the block at one speed", "two of them behind one another under a round tool")
+    needs = "a block that nothing touches: schedule.alone, or lifted waits"
+    detail = True
+
+    strength = Param(1e3, "W/m", "heat into the face per metre across, of the leading arc", low=0.0, high=1e7, off=0.0)
+    speed = Param(2e-3, "m/s", "speed along x", low=0.0, open_low=True, high=100.0)
+    enters = Param(0.0, "s", "time at which it comes over the edge x = 0", low=-1e7, high=1e7)
+    width = Param(2e-3, "m", "standard deviation along x", low=0.0, open_low=True, high=1.0)
+    radius = Param(inf, "m", "radius of a round tool, whose rim heats; 'inf': a straight line", low=0.0, open_low=True)
+    axis = Param(0.0, "m", "y of the tool's axis from the centre line", low=-10.0, high=10.0)
+    back = Param(0.0, "1", "strength of a round tool's trailing arc over that of its leading one", low=0.0, high=100.0)
+    back_width = Param(
+        None, "m", "standard deviation of the trailing arc; `width` if not given", low=0.0, open_low=True
+    )
+    tilt = Param(0.0, "1", "growth of the leading arc over half the width, towards y > 0", low=-1.5, high=1.5)
+    back_tilt = Param(0.0, "1", "growth of the trailing arc likewise", low=-1.5, high=1.5)
+    edges = Param(0.0, "1", "growth of both arcs towards both side walls, as y squared", low=-1.5, high=3.0)
+    chips = Param(
+        0.0, "1", "strength of what is thrown ahead, evenly across, over that of the leading arc", low=0.0, high=10.0
+    )
+    chips_ahead = Param(0.02, "m", "how far ahead of the tool's tip that falls, in the mean", low=-1.0, high=1.0)
+    chips_width = Param(0.01, "m", "standard deviation along x of where it falls", low=0.0, open_low=True, high=1.0)
+
+    def heat(self, scene, p):
+        """Flux at the face; steps of the integrator no longer than the source takes for its own width."""
+
+        def law(T, now, p):
+            if now.touching:
+                return 0.0 * T
+            tip = now.x - p.speed * (now.t - p.enters)
+            e = 2.0 * now.y / scene.width
+            even = 1.0 + p.edges * (e * e - 1.0 / 3.0)  # of mean 1, as are both arcs
+            bend = (
+                p.radius - np.sqrt(np.maximum(p.radius**2 - (now.y - p.axis) ** 2, 0.0)) if isfinite(p.radius) else 0.0
+            )
+            shape = (even + p.tilt * e) * _gauss(tip + bend, p.width)
+            if isfinite(p.radius):
+                behind = _gauss(tip + 2.0 * p.radius - bend, p.back_width or p.width)
+                shape = shape + p.back * (even + p.back_tilt * e) * behind
+            fallen = p.chips * _gauss(tip - p.chips_ahead, p.chips_width) if p.chips else 0.0
+            return p.strength * (shape + fallen) + 0.0 * T
+
+        def pace(T, now, p):
+            return 0.0 if now.touching or not p.strength else p.speed / min(p.width, p.back_width or p.width)
+
+        yield Heat.patch("block.face", law)
+        yield Term("march.rate", pace)
+
+
+def _gauss(x, width):
+    return np.exp(-0.5 * (x / width) ** 2) / (width * sqrt(2.0 * pi))

@@ -460,6 +460,9 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
         seen.get_by_label("recording").click()
         seen.get_by_role("option", name="side.nc").click()
         seen.get_by_role("button", name="Add").click()
+        free = seen.get_by_label("free keys, with commas between")  # what the twin draws anew
+        free.fill("friction.mu, contact.spot_fraction, ambient.convection")
+        free.press("Tab")
         seen.get_by_role("button", name="discover").click()
         seen.get_by_text("flashtemp discover campaign.toml").wait_for()
         seen.get_by_role("button", name="Start").click()

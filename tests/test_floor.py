@@ -54,6 +54,10 @@ def test_a_cause_that_only_the_load_cell_shows_is_seen():
 
 
 def test_gain_names_only_what_is_seen():
+    coarse = Gain("a.nc", 2.6e-3, 1.5e-3, 13.0, (0.05, 0.05), 1, numerics_K=5.6e-3)
+    assert coarse.allowed("named") == "weak"
+    assert "the mesh may err by 5.6 mK: take a finer one" in coarse.says[0]
+    assert Gain("a.nc", 2.6e-3, 1.5e-3, 13.0, (0.05, 0.05), 1, numerics_K=1e-3).allowed("named") == "named"
     good = Gain("a.nc", 0.05, 0.01, 50.0, (0.06, 0.055), 1)
     assert good.allowed("named") == "named"
     assert good.says == ()

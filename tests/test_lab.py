@@ -451,7 +451,7 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     """Recordings of a synthetic campaign and its case: a campaign by clicks, discover, the verdict on the page."""
     place = tmp_path / "folder"
     place.mkdir()
-    (place / "case.toml").write_text(CASE)
+    (place / "case.toml").write_text(CASE.replace("mesh = 0.3", "mesh = 0.6"))
     flashtemp.twin(place / "case.toml", hide=[], seed=3, out=tmp_path / "twin", conditions=1, views=["sidewall"])
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
     with served(place) as (address, _), page(browser, address) as seen:

@@ -106,7 +106,7 @@ def _verdict(search: Search) -> Verdict:
     shut = assessment.gates(search, final)
     alike = assessment.group(search) if accepted else ()
     kind = _kind(hint is not None, shut, alike, base, extended, bool(accepted))
-    gained = gain(problem, base, extended) if final.model.effects else None
+    gained = gain(search.data, base, extended) if final.model.effects else None
     kind = gained.allowed(kind) if gained is not None else kind
     kind = _honest(kind, search, bool(found))
     if kind == "unexplained":  # what leaves the data unexplained is named no more than an effect is

@@ -10,16 +10,21 @@ from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.floor import LARGEST, LEAST
-from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.nuisances import GROUPS, nuisances
+from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.searched import NAMED
+from flashtemp.discovery.whitening import Data
+
+UNTOLD = 0.1  # of the mesh's error as coarser meshes tell it, what calibrating it may leave
 
 
 @dataclass(frozen=True)
 class Gain:
     """What an extension is worth: `changed_K` rms of what it changes in the recording of which it changes the largest
     `share` of the rise, both models calibrated; `beyond_floor` its ln Bayes factor where the model's own error is as
-    large as it may be; `left_out_K` before and after, of data that were left out."""
+    large as it may be; `left_out_K` before and after, of data that were left out; `numerics_K` what the mesh may still
+    err by there once it is calibrated."""
 
     file: str
     changed_K: float
@@ -28,10 +33,16 @@ class Gain:
     left_out_K: tuple[float, float]
     causes: int
     friction: float = 0.0  # largest rms change of a load cell's trace, over its friction
+    numerics_K: float = 0.0
 
     @property
     def visible(self) -> bool:
-        return max(self.share, self.friction) >= LEAST
+        return max(self.share, self.friction) >= LEAST and not self.coarse
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the mesh may err by as much, and no load cell shows it."""
+        return self.changed_K < self.numerics_K and self.friction < LEAST
 
     @property
     def above(self) -> bool:
@@ -49,7 +60,12 @@ class Gain:
     def says(self) -> tuple[str, ...]:
         """Why no cause is named that the evidence asks for."""
         out = []
-        if not self.visible:
+        if self.coarse:
+            out.append(
+                f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, and "
+                f"the mesh may err by {1e3 * self.numerics_K:.2g} mK: take a finer one (numerics.mesh)."
+            )
+        elif not self.visible:
             out.append(
                 f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, "
                 f"{100 * self.share:.2g} % of the rise: less than the {100 * LEAST:.2g} % that a model errs by."
@@ -71,14 +87,28 @@ class Gain:
         return "none_needed" if kind == "weak" and max(self.share, self.friction) < LARGEST else kind
 
 
-def gain(problem: Problem, base: Assessed, extended: Assessed) -> Gain:
+def gain(data: Data, base: Assessed, extended: Assessed) -> Gain:
     """What the extended model gains over the base."""
+    problem = data.problem
     changes = [_change(b, e) for b, e in zip(base.seeings, extended.seeings, strict=True)]
     file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
     beyond = _at_largest(problem, extended.fit) - _at_largest(problem, base.fit)
     left = base.left_out.rmse_K, extended.left_out.rmse_K
     friction = [_pull(b, e) for b, e in zip(base.pullings, extended.pullings, strict=True)]
-    return Gain(file, changed, share, beyond, left, len(extended.fit.model.effects), max(friction, default=0.0))
+    return Gain(
+        file, changed, share, beyond, left, len(extended.fit.model.effects), max(friction, default=0.0),
+        _numerics(data, file),
+    )  # fmt: skip
+
+
+def _numerics(data: Data, file: str) -> float:
+    """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
+    one changes is the error, of which they left 1 to 4 % where it was measured (docs/discover.md, choices)."""
+    if (fixed := data.fixed.get(file)) is None:
+        return 0.0
+    columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
+    coarser = [float(np.sqrt(np.mean(data.kelvin(file, c) ** 2))) for c in columns]
+    return UNTOLD * GROUPS[Kind.MESH] * max(coarser, default=0.0)
 
 
 def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:

@@ -157,6 +157,27 @@ def test_steps_shrink_until_the_certificate(campaigns):
     assert len(fit.history) <= 5
 
 
+def test_what_extends_a_traced_model_asks_only_for_what_is_new(resistive):
+    """With the traces that it borrows it ends where exact ones end, within what the certificate leaves open."""
+    name = ParameterId.of_effect("interface_resistance", "resistance")
+    c, ends = candidate(resistive, "interface_resistance"), {}
+    model = resistive.base.model.with_effect("interface_resistance", c.off() | {"resistance": 1e-5})
+    for parent in (None, resistive.base):
+        descent = Descent(resistive.problem, resistive.data, model, (c,), parent=parent)
+        asked = descent.tasks()[0].derivatives
+        assert asked.own == ((name,) if parent else (*resistive.problem.free, name))
+        assert asked.optics is (parent is None)
+        [end] = descend(resistive.problem, [descent])
+        assert end.fit.converged
+        ends[parent is None] = end.fit
+    exact, lent = ends[True], ends[False]
+    values = [f.model.value(name) + f.solution[name] for f in (exact, lent)]
+    assert abs(values[1] - values[0]) < ENOUGH * exact.priors[name][1]
+    assert lent.solution.sd(name) == pytest.approx(exact.solution.sd(name), rel=0.02)
+    assert lent.ln_evidence == pytest.approx(exact.ln_evidence, abs=0.5)
+    assert set(lent.system.names) == set(exact.system.names)
+
+
 @pytest.mark.long
 def test_several_descents_share_their_rounds(two):
     """Side by side they take the steps that each takes alone; one that is far behind goes no further."""

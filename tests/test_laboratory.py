@@ -420,6 +420,28 @@ def test_friction_held_at_a_wrong_value_is_said_first(tmp_path):
     assert abs(v.held_key.value / 1.0956 - 1.0) < 0.06  # drawn by seed 13
 
 
+def test_what_comes_to_no_end_is_judged_by_the_base_that_leaves_something_over(monkeypatch):
+    """An effect's fit wanders on, and the base's own gates are open for sure: unexplained, not without verdict."""
+    base, wandering = (SimpleNamespace(converged=c, model=Model({}, e)) for c, e in ((True, {}), (False, {"a": {}})))
+    search = Search(
+        None,
+        None,
+        {},
+        base,
+        wandering,
+        {frozenset(): base, frozenset({"a"}): wandering},
+        asked={frozenset({"a"}): 20.0},
+    )
+    monkeypatch.setattr(discover, "settled", lambda search, watch: search)
+    for value, judged_by in ((30.0, base), (10.0, wandering)):
+        monkeypatch.setattr(discover.assessment, "gates", lambda search, fit, value=value: {"modes": (value, 25.0)})
+        assert discover._certain(search, print).best is judged_by
+    monkeypatch.setattr(discover.assessment, "gates", lambda search, fit: {"modes": (30.0, 25.0)})
+    assert frozenset({"a"}) in discover._certain(search, print).open_ends
+    ended = replace(search, best=SimpleNamespace(converged=True, model=wandering.model))
+    assert discover._certain(ended, print) is ended
+
+
 class Swing(Curve):
     """Slopes half as steep as they are: every step goes as far beyond the best point as it began before it."""
 

@@ -19,7 +19,9 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import discover, learning
 from flashtemp.discovery.formula import formula
-from flashtemp.discovery.searched import NAMED
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.searched import NAMED, Search
 from flashtemp.discovery.unknown_law import ARGUMENTS, MOST, NAME, NODES, UNKNOWNS, Law, given, spread
 from flashtemp.model.case import load
 from flashtemp.physics.own_effects import read
@@ -144,6 +146,21 @@ def test_walls_cool_at_rest_too():
     assert found["friction", "speed"] == pytest.approx((0.1, 0.4))
     assert found["friction", "passed"][-1] == pytest.approx(0.04)
     assert found["friction", "slid"][-1] == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("worth", "kept"), [(20.0, True), (2.0, False)])
+def test_an_error_of_the_laboratory_stays_only_where_the_data_still_want_it(worth, kept):
+    """A clock that stood for friction which wears off is usual once the law is there."""
+    clock = ParameterId(Kind.CLOCK, file="a.nc")
+
+    def solved(problem, effects):
+        return SimpleNamespace(solution=SimpleNamespace(ln_evidence=worth if clock in problem.loose else 0.0))
+
+    problem = Problem(None, (), (), (), {}, None, None, frozenset({clock}))
+    search = Search(problem, None, {}, None, None, {}, laboratory=(SimpleNamespace(parameter=clock),))
+    after, usual = learning._usual(search, problem, SimpleNamespace(solved=solved, effects={}))
+    assert (clock in usual.loose) is kept
+    assert bool(after.laboratory) is kept
 
 
 # --- formulas -----------------------------------------------------------------------------------------

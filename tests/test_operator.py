@@ -268,6 +268,21 @@ def test_rims_are_left_out(slid):
     assert not inside[0].any()
 
 
+@pytest.mark.parametrize("spread", [0.0, 0.7])
+def test_where_the_sides_of_a_wake_may_show_is_left_out(slid, spread):
+    """A block 1 % narrower than told changes no pixel that is compared: the tails of its sides lie outside."""
+    scene, run = slid
+    told = recording("wake", pitch=2.5e-4, psf_sigma_px=spread)
+    seen = observe(run, scene, told, ruler=(L, W))
+    assert seen.inside.any()
+    narrower = replace(scene, mesh=replace(scene.mesh, y=0.99 * scene.mesh.y))
+    moved = observe(run, narrower, told, ruler=(L, W))
+    assert np.array_equal(moved.inside, seen.inside)
+    change = np.abs(moved.temperature - seen.temperature)
+    assert change[:, seen.inside].max() < 1e-3 * np.ptp(seen.temperature)
+    assert change.max() > 0.02 * np.ptp(seen.temperature)
+
+
 # --- the wall in 2D ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(("film", "time"), [(10.0, 5.0), (10.0, 35.0), (20.0, 440.0)])
 def test_fin_correction_against_the_corner_problem(lab, film, time):

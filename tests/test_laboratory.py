@@ -420,6 +420,23 @@ def test_friction_held_at_a_wrong_value_is_said_first(tmp_path):
     assert abs(v.held_key.value / 1.0956 - 1.0) < 0.06  # drawn by seed 13
 
 
+@pytest.mark.parametrize(("promise", "ends"), [(2.0, True), (8.0, False)])
+def test_a_loss_at_a_point_that_is_as_good_as_the_same_is_numerics(tmp_path, promise, ends):
+    """Wherever the fit looks it loses 3 nats, however near: it ends where it stands, if little is promised there."""
+
+    class Grainy(Curve):
+        def blocks(self, predictions):
+            [block] = super().blocks(predictions)
+            grain = np.sqrt(6.0) if len(self.asked) > 1 else 0.0  # what nothing can fit
+            r, C = np.array([np.sqrt(2.0 * promise), grain]), np.array([[10.0], [0.0]])
+            return [replace(block, r=r, C=C, F=np.zeros((2, 0)))]
+
+    end = descended(Grainy(), tmp_path, 1.0)
+    assert end.fit.noisy is ends
+    assert end.fit.converged is ends
+    assert end.fit.model.effects["camera_offset"]["offset"] == 1.0
+
+
 def test_what_comes_to_no_end_is_judged_by_the_base_that_leaves_something_over(monkeypatch):
     """An effect's fit wanders on, and the base's own gates are open for sure: unexplained, not without verdict."""
     base, wandering = (SimpleNamespace(converged=c, model=Model({}, e)) for c, e in ((True, {}), (False, {"a": {}})))

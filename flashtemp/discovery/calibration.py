@@ -26,6 +26,7 @@ CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 VAIN = 0.25  # the same where the step before promised as little, was taken and did not gain it
 FEW = 6  # tries that are enough where a model misfits grossly
+NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
 FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3, Kind.SIZE: 2e-3}  # relative, rad, s, relative
@@ -122,7 +123,8 @@ class Descent:
         steps = self._steps(found.solution, found.priors)
         value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
         if self.best is not None and value < self.best.ln_evidence - WORSE:
-            return self.retreat(self.best.fit)
+            noisy = replace(self.best.fit, noisy=self.trust < NEAR)  # so near that what is lost is no loss
+            return replace(self, fit=noisy) if noisy.converged else self.retreat(self.best.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
         sizes = (
             self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in SHIFTS else 1.0)

@@ -16,6 +16,7 @@ from flashtemp.discovery.scales import Scaled, solved
 ENOUGH = 0.01  # largest last step over its prior standard deviation
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
+NOISE = 4.0  # the same where numerics leave evidence uncertain by as much
 MISFIT, LOOSE = 20.0, 0.2  # standard errors of chi2 of a gross misfit, and the step that is enough to compare
 
 
@@ -26,7 +27,8 @@ class Fit:
 
     `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
     `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
-    was taken and did not gain it: where rims of an image come and go, two points point at each other.
+    was taken and did not gain it: where rims of an image come and go, two points point at each other.  `noisy`: points
+    as near as numerics can tell apart have less evidence, by more than it promises.
     """
 
     model: Model
@@ -39,6 +41,7 @@ class Fit:
     bound: frozenset[ParameterId] = frozenset()
     promise: float = np.inf
     vain: bool = False
+    noisy: bool = False
 
     @property
     def blocks(self) -> list[Block]:
@@ -47,12 +50,16 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the certificate holds: the next step is short, or gains nothing."""
-        return self.history[-1] < ENOUGH or (self.usable and (self.promise < EVEN or self.vain))
+        return self.history[-1] < ENOUGH or self._noise or (self.usable and (self.promise < EVEN or self.vain))
 
     @property
     def usable(self) -> bool:
         """Whether it is near enough to its best point to be compared and extended."""
-        return self.history[-1] < LOOSE or self.promise < KNOWN
+        return self.history[-1] < LOOSE or self.promise < KNOWN or self._noise
+
+    @property
+    def _noise(self) -> bool:
+        return self.noisy and self.promise < NOISE
 
     @property
     def hopeless(self) -> bool:

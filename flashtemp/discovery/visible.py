@@ -60,15 +60,15 @@ class Gain:
     def says(self) -> tuple[str, ...]:
         """Why no cause is named that the evidence asks for."""
         out = []
-        if self.coarse:
-            out.append(
-                f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, and "
-                f"the mesh may err by {1e3 * self.numerics_K:.2g} mK: take a finer one (numerics.mesh)."
-            )
-        elif not self.visible:
+        if max(self.share, self.friction) < LEAST:
             out.append(
                 f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, "
                 f"{100 * self.share:.2g} % of the rise: less than the {100 * LEAST:.2g} % that a model errs by."
+            )
+        elif self.coarse:
+            out.append(
+                f"Calibrated again, it changes no recording by more than {1e3 * self.changed_K:.2g} mK rms, and "
+                f"the mesh may err by {1e3 * self.numerics_K:.2g} mK: take a finer one (numerics.mesh)."
             )
         elif not self.above:
             out.append(

@@ -107,6 +107,25 @@ def test_a_single_frame_is_no_curve_and_a_difference_no_temperature(tmp_path):
     assert "difference: " in str(small)
 
 
+def test_counts_are_shown_as_they_are(tmp_path):
+    """A 16-bit TIFF, and text of numbers that no temperature has: nothing is asked, and nothing called a temperature."""
+    counts = (28000 + 10 * np.arange(600).reshape(20, 30)).astype(np.uint16)
+    pytest.importorskip("tifffile").imwrite(tmp_path / "a.tiff", counts)
+    (tmp_path / "a.csv").write_text("\n".join("\t".join(map(str, row)) for row in counts) + "\n")
+    for file in ("a.tiff", "a.csv"):
+        seen = flashtemp.look(tmp_path / file)
+        assert seen.unit == "counts"
+        np.testing.assert_array_equal(seen.images[0], counts)
+        assert "counts: 28000 to 33990" in str(seen)
+        assert "--scale and --offset" in str(seen)
+        assert drawn(seen)[1].get_xlabel() == "counts of the camera"
+        assert seen.counts.sum() == counts.size
+    told = flashtemp.look(tmp_path / "a.tiff", scale=0.01, offset=-273.15)
+    assert told.unit == "degC"
+    with pytest.raises(BadInput, match="give --scale and --offset"):
+        opened([tmp_path / "a.tiff"])
+
+
 def drawn(look):
     """Axes of a picture but for the colour bar."""
     return [ax for ax in draw(look).axes if ax.get_label() != "<colorbar>"]

@@ -22,9 +22,11 @@ def draw(look) -> Figure:
     fig = Figure(figsize=(theme.WIDE, 0.4 + tall + BELOW), layout="constrained", facecolor="white")
     fig.suptitle(plain(str(look).splitlines()[0]), x=0.01, ha="left")
     above, below = fig.subfigures(2, 1, height_ratios=[tall, BELOW], squeeze=False)[:, 0]
-    norm = Normalize(*theme.span(look.images, least=1e-3, margin=0.0)) if look.difference else None
+    plain_range = look.difference or look.counted
+    norm = Normalize(*theme.span(look.images, least=1e-3, margin=0.0)) if plain_range else None
     norm = norm or theme.temperature_norm(look.images)
-    label = "difference of temperatures, K" if look.difference else f"temperature, {theme.DEGREE}"
+    words = {"K": "difference of temperatures, K", "counts": "counts of the camera"}
+    label = words.get(look.unit, f"temperature, {theme.DEGREE}")
     axes = above.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for ax, image, number in zip(axes, look.images, look.shown, strict=False):
         shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
@@ -63,7 +65,7 @@ def _course(ax, look) -> None:
     elif look.clock is not None:
         x, label = look.clock - look.clock[0], "time after the first frame, s"
     ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
-    ax.set(xlabel=label, ylabel=f"mean of the image, {'K' if look.difference else theme.DEGREE}")
+    ax.set(xlabel=label, ylabel=f"mean of the image, {theme.DEGREE if look.unit == 'degC' else look.unit}")
 
 
 def encoded(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:

@@ -65,7 +65,7 @@ def look(
         names = [files] if isinstance(files, (str, Path)) else files
         asked = Request.of([str(name) for name in names], _facts(facts))
     picture = None if out is None else _free(Path(out), overwrite)
-    seen = looked(found(asked.files), asked.facts, say)
+    seen = looked(found(asked.files), asked.facts, say, counts=True)
     if picture is None:
         return seen
     from flashtemp.viz import raw_images, theme

@@ -102,7 +102,7 @@ def _named(path: Path) -> Iterator[None]:
         yield
     except BadInput as fault:
         name = str(path)
-        raise BadInput(*(t if t.startswith(name) else f"{name}: {t}" for t in fault.lines)) from fault
+        raise type(fault)(*(t if t.startswith(name) else f"{name}: {t}" for t in fault.lines)) from fault
     except MemoryError as fault:
         raise BadInput(f"{path}: more than the memory holds; give a part of it, or copy it again if damaged") from fault
     except OSError as fault:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ import numpy as np
 from flashtemp.camera import files
 from flashtemp.camera.import_options import Facts
 from flashtemp.camera.radiometry import Planck
-from flashtemp.camera.raw_frames import Frames
+from flashtemp.camera.raw_frames import UNSCALED, Frames, ScaleMissing
 from flashtemp.errors import BadInput
 from flashtemp.showing import Sheet, Shown
 
 KEPT = 6  # frames that are shown
 BINS = 120  # of the histogram
+COUNTED = "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
 UNSAID = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "limit")
 
 
@@ -29,7 +30,8 @@ class Look(Shown):
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
     where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
     `counts` of values between `edges` degC; `outside` the camera's range, their number; `dead`
-    (rows, columns) pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC.
+    (rows, columns) pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC;
+    `counted`: counts, whose scale neither the file nor anybody has told.
     """
 
     files: tuple[Path, ...]
@@ -49,14 +51,26 @@ class Look(Shown):
     dead: np.ndarray
     notes: tuple[str, ...]
     difference: bool = False
+    counted: bool = False
     picture: Path | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of the images: degC, K where they are differences, counts where nobody has told their scale."""
+        return "counts" if self.counted else "K" if self.difference else "degC"
+
+    @property
+    def quantity(self) -> str:
+        """What the images show, in words."""
+        return "counts" if self.counted else "difference" if self.difference else "temperature"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and text for JSON."""
         return {
             "files": [str(f) for f in self.files], "format": self.format, "camera": self.camera,
             "frames": len(self.mean), "rows": self.images.shape[1], "columns": self.images.shape[2],
-            "temperature_degC": list(self.span), "begins": self._begins(), "lasts_s": self._lasts(), "fps": self.fps,
+            "counts" if self.counted else "temperature_degC": list(self.span),
+            "begins": self._begins(), "lasts_s": self._lasts(), "fps": self.fps,
             "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": int(self.dead.sum()),
             "notes": list(self.notes), "picture": self.picture and str(self.picture),
         }  # fmt: skip
@@ -75,7 +89,6 @@ class Look(Shown):
     def rows_of(self) -> list[tuple[str, str]]:
         """What is known, in words."""
         (rows, columns), (low, high) = self.images.shape[1:], self.span
-        unit = "K" if self.difference else "degC"
         begins, lasts = self._begins(), self._lasts()
         when = [f"begins {begins} on the camera's clock"] if begins else []
         when += [f"lasts {lasts:.6g} s"] if lasts else []
@@ -85,7 +98,7 @@ class Look(Shown):
             ("kind", ", ".join(t for t in (self.format, self.camera) if t)),
             ("images", f"{len(self.mean)} of {columns} x {rows} pixels"),
             ("time", ", ".join(when) or "not in the file: --fps and --start, or --times"),
-            ("difference" if self.difference else "temperature", f"{low:.2f} to {high:.2f} {unit}"),
+            (self.quantity, f"{low:.0f} to {high:.0f}" if self.counted else f"{low:.2f} to {high:.2f} {self.unit}"),
             ("computed with", object_ or "not in the file"),
             (
                 "pixels left out",
@@ -107,16 +120,19 @@ def looked(
     facts: Facts = Facts(),  # noqa: B008 (frozen)
     told: Callable[[str], Any] = lambda text: None,
     given: Callable[[np.ndarray], Any] = lambda images: None,
+    counts: bool = False,
 ) -> Look:
     """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
 
-    `told` hears of progress, `given` gets the images as they are read.  Raises BadInput.
+    `told` hears of progress, `given` gets the images as they are read; with `counts` numbers whose scale nobody has
+    told stay what they are.  Raises BadInput.
     """
+    facts = _unscaled(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
     first: Frames | None = None
     dead: np.ndarray | None = None
     outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
-    counted = _Histogram()
+    counted = _Histogram(1.0 if facts.scale is UNSCALED else 0.01)
     kept = _Kept()
     for done, path in enumerate(names, 1):
         for frames in pieces(path, facts):
@@ -137,18 +153,29 @@ def looked(
             kept.add(T, number)
             given(T)
             number += len(T)
-            notes += [note for note in frames.notes if note not in notes]
+            said = (*frames.notes, *((COUNTED,) if frames.counted else ()))
+            notes += [note for note in said if note not in notes]
         if done % 50 == 0:
             told(f"{done} of {len(names)} files read")
     if first is None or dead is None:
         raise BadInput("no camera files; give files or a folder of them")
     shown, images = kept.chosen()
-    counts, edges = counted.over()
+    number_of, edges = counted.over()
     return Look(
         tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _all(clocks), _all(times),
-        first.fps, dict(first.said), (low, high), counts, edges, outside, dead & (number > 1), tuple(notes),
-        first.difference,
+        first.fps, dict(first.said), (low, high), number_of, edges, outside, dead & (number > 1), tuple(notes),
+        first.difference, first.counted,
     )  # fmt: skip
+
+
+def _unscaled(names: Sequence[Path], facts: Facts) -> Facts:
+    """The facts, with counts left as they are where only the user knows their scale."""
+    try:
+        for path in names:
+            next(iter(pieces(path, facts)), None)
+    except ScaleMissing:
+        return replace(facts, scale=UNSCALED, offset=0.0)
+    return facts
 
 
 def pieces(path: Path, facts: Facts):
@@ -190,17 +217,16 @@ class _Kept:
 
 
 class _Histogram:
-    """Counts of hundredths of a degree, made coarser at the end."""
+    """Counts of values in steps of hundredths of a degree, or of one count, made coarser at the end."""
 
-    STEP = 0.01  # K
     COARSER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # steps of a bin: round numbers of files are even
 
-    def __init__(self) -> None:
-        self.first, self.found = 0, np.zeros(0, int)
+    def __init__(self, step: float = 0.01) -> None:
+        self.step, self.first, self.found = step, 0, np.zeros(0, int)
 
     def add(self, values: np.ndarray) -> None:
         """Count values, degC."""
-        numbers = np.floor(values / self.STEP + 1e-6).astype(int)
+        numbers = np.floor(values / self.step + 1e-6).astype(int)
         first, last = int(numbers.min()), int(numbers.max())
         if self.found.size:
             first, last = min(first, self.first), max(last, self.first + self.found.size - 1)
@@ -214,4 +240,4 @@ class _Histogram:
         before = self.first % coarse
         after = -(before + self.found.size) % coarse
         counts = np.pad(self.found, (before, after)).reshape(-1, coarse).sum(axis=1)
-        return counts, self.STEP * (self.first - before + coarse * np.arange(len(counts) + 1))
+        return counts, self.step * (self.first - before + coarse * np.arange(len(counts) + 1))

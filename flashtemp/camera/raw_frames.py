@@ -34,7 +34,8 @@ class Frames:
     `clock` (frames,) s on the camera's clock (1970, its own time zone), `time` (frames,) s where the file counts
     from a start; `said` the object parameters that the file states, `parameters` those that `temperature` was
     computed with (counts only), `counts` and `planck` of radiometric files.  `outside`: pixels beyond the
-    camera's range; `difference`: K, not degC (a lock-in amplitude).  Recordings know their place already:
+    camera's range; `difference`: K, not degC (a lock-in amplitude); `counted`: counts whose scale nobody has told yet.
+    Recordings know their place already:
     `view`, `repetition`, `u`, `v` (m), and what is `told` of the camera.
     """
 
@@ -51,6 +52,7 @@ class Frames:
     outside: int = 0
     notes: tuple[str, ...] = ()
     difference: bool = False
+    counted: bool = False
     view: str | None = None
     repetition: np.ndarray | None = None
     u: np.ndarray | None = None
@@ -61,7 +63,7 @@ class Frames:
         T = self.temperature
         if T.ndim != 3 or T.size == 0:
             raise BadInput(f"holds an array of shape {T.shape}; give images (rows, columns) or (frame, rows, columns)")
-        if not self.difference and np.isfinite(T).any():
+        if not (self.difference or self.counted) and np.isfinite(T).any():
             temperatures(T)
 
     @property
@@ -113,7 +115,7 @@ def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> t
         known = values[np.isfinite(values)]
         middle = float(np.median(known)) if known.size else 0.0
         if not -100 < middle < WARMEST_UNSAID:
-            raise BadInput(
+            raise ScaleMissing(
                 f"values {known.min():g} to {known.max():g} in a unit that the file does not say; give --unit"
                 " degC, K, mK or degF, or --scale and --offset for counts"
             )
@@ -126,14 +128,27 @@ def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> t
     return scale * values + (0.0 if difference else offset), ""
 
 
+class Unscaled(float):
+    """The scale of counts that stay counts, since nobody has told it yet."""
+
+
+class ScaleMissing(BadInput):
+    """Numbers of a file whose scale or unit only the user knows."""
+
+
+UNSCALED = Unscaled(1.0)
+
+
 def linear(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
     """Temperatures, degC, of counts that a camera wrote as (T - offset)/scale; both must be said."""
     if scale is None or offset is None:
         missing = " and ".join(k for k, v in (("--scale", scale), ("--offset", offset)) if v is None)
-        raise BadInput(
+        raise ScaleMissing(
             f"{what} of {counts.min()} to {counts.max()} counts; give {missing}: T = scale count + offset in degC,"
             " often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
         )
+    if scale is UNSCALED:
+        return counts.astype(float)
     T = scale * counts.astype(float) + offset
     middle = float(np.median(T))
     if not -100 <= middle <= 1500:

@@ -16,7 +16,7 @@ import numpy as np
 from flashtemp.camera import recording
 from flashtemp.camera.formats import matlab
 from flashtemp.camera.plausible import fits
-from flashtemp.camera.raw_frames import Frames, celsius, linear, stacked
+from flashtemp.camera.raw_frames import UNSCALED, Frames, celsius, linear, stacked
 from flashtemp.errors import BadInput, short
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -135,7 +135,7 @@ def _frames(kind: str, arrays: dict[str, Array], name: str, found: Array, said, 
         T = np.where(np.isfinite(T), T, np.nan)
         notes = (f"array '{short(name)}'", *([note] if note else []))
         at = None if time is None else time[chosen]
-        yield Frames(kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes)
+        yield Frames(kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes, counted=scale is UNSCALED)
 
 
 def _times(arrays: dict[str, Array], frames: int, limit) -> np.ndarray | None:

@@ -13,7 +13,7 @@ import numpy as np
 from flashtemp.camera import plausible
 from flashtemp.camera.formats import clean_text, irbis
 from flashtemp.camera.formats.cells import cells, is_number, moment, mostly_numbers, numeric, parsed
-from flashtemp.camera.raw_frames import Frames, celsius, linear
+from flashtemp.camera.raw_frames import UNSCALED, Frames, celsius, linear
 from flashtemp.errors import BadInput
 from flashtemp.physics import bounded_reading
 
@@ -69,6 +69,7 @@ def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=No
         said=said,
         outside=int(marked.sum()),
         notes=(*notes, *([note] if note else [])),
+        counted=scale is UNSCALED,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from flashtemp.camera.formats import png
 from flashtemp.camera.plausible import fits
-from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, celsius, linear, need
+from flashtemp.camera.raw_frames import MOST_PIXELS, UNSCALED, Frames, celsius, linear, need
 from flashtemp.errors import BadInput, short
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -121,4 +121,5 @@ def _frames(values: np.ndarray, kind: str, unit, scale, offset) -> Frames:
     else:
         raise BadInput(f"{kind} of {values.dtype}; give 16-bit counts or floating-point temperatures")
     T = np.where(np.isfinite(T), T, np.nan)
-    return Frames(f"{bits}-bit {kind}", T, outside=int(np.isnan(T).sum()), notes=(note,) if note else ())
+    outside, counted = int(np.isnan(T).sum()), scale is UNSCALED
+    return Frames(f"{bits}-bit {kind}", T, outside=outside, notes=(note,) if note else (), counted=counted)

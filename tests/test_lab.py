@@ -227,7 +227,7 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
     jobs = Jobs(tmp_path)
     job = jobs.start(["run", "case.toml", "output.pictures=false", "--out", "a"])
     assert job.state == "running"
-    for _ in range(400):
+    for _ in range(1200):
         if folders.listing(tmp_path).begun and job.progress()[0]:
             break
         time.sleep(0.05)

@@ -203,11 +203,21 @@ def _gain(v: Verdict) -> list[str]:
     if v.extended is None or v.base is None:
         return []
     seen = v.gain or {}
-    changes = f"it changes {seen['file']} by {1e3 * seen['changed_K']:.3g} mK rms, calibrated again; " if seen else ""
+    changes = f"{seen['file']} is predicted otherwise by {_kelvin(seen['changed_K'])} rms, " if seen else ""
     return [
-        f"With it, {changes}chi2/dof goes from {v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}; data left "
-        f"out are predicted to {v.extended.held_out_z:.3g} sigma instead of {v.base.held_out_z:.3g}."
+        f"With it, and everything calibrated again, {changes}chi2/dof goes from {v.base.chi2_per_dof:.4g} to "
+        f"{v.extended.chi2_per_dof:.4g}; data left out are predicted to {v.extended.held_out_z:.3g} sigma instead of "
+        f"{v.base.held_out_z:.3g}."
     ]
+
+
+def _kelvin(T: float) -> str:
+    """A difference in kelvin, or below one in millikelvin.
+
+    >>> _kelvin(1.132), _kelvin(0.0131)
+    ('1.13 K', '13.1 mK')
+    """
+    return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"
 
 
 def _sentence(c: Cause) -> str:

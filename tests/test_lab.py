@@ -223,7 +223,9 @@ def ended(job: Job, seconds: float = 120.0) -> Job:
 
 
 def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
-    longer = CASE.replace("0.3\n", "2.0\n").replace("repetitions = 2", "repetitions = 8")  # not over before it is stopped
+    longer = CASE.replace("0.3\n", "2.0\n").replace(
+        "repetitions = 2", "repetitions = 8"
+    )  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
     jobs = Jobs(tmp_path)
     job = jobs.start(["run", "case.toml", "output.pictures=false", "--out", "a"])

@@ -165,9 +165,15 @@ class Descent:
             while self._far(steps, fit) > self.trust:
                 damped = {p: self._damped(p, damped[p], p in moving) for p in damped}
                 steps = self._steps(fit.system.solve(damped), damped, frozenset(steps))
+        steps = {p: self._likely(p, s, fit) for p, s in steps.items()}
         share = min(1.0, LONGEST / max(self._far(steps, fit), 1e-300), self._beyond(steps, fit))
         model = self._moved(fit, {p: share * float(s) for p, s in steps.items()})
         return replace(self, model=model, last=Pointed(steps, share))
+
+    def _likely(self, p: ParameterId, step: float, fit: Fit) -> float:
+        """A step of an error of the laboratory, no longer than one may be: a clock must not hold up all else."""
+        most = LONGEST * fit.priors[p][1] if p.kind in OF_THE_LABORATORY else np.inf
+        return float(np.clip(step, -most, most))
 
     def _beyond(self, steps: dict[ParameterId, float], fit: Fit) -> float:
         """Share of steps to take where they point back: the secant's, so that no shape goes to and fro for ever."""

@@ -200,11 +200,8 @@ def _nodes(search: Search, unknown: Unknown, argument: Argument) -> tuple[float,
         return _ranged(seen, VARIES * max(float(s.max()) for s in seen))
     if argument.name == "speed":
         ends = [s.speeds for s in scenes]
-        rest = (
-            [0.0]
-            if unknown.how == "film" and any(s.schedule.wait > 0 and s.schedule.repetitions > 1 for s in scenes)
-            else []
-        )  # walls cool then too
+        waits = any(s.schedule.wait > 0 and s.schedule.repetitions > 1 for s in scenes)
+        rest = [0.0] if unknown.how == "film" and waits else []  # walls cool then too
         steady = all(high - low <= VARIES * high for low, high in ends)
         if steady:
             return _if_varied(given([*rest, *(high for _, high in ends)]))

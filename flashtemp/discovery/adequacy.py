@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +10,11 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
 from flashtemp.discovery.fit import Fit
-from flashtemp.discovery.linear_gaussian import Array, Block, residual
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
 from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import OwnValue, Test
 
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
@@ -89,19 +90,46 @@ def _last(block: Block, fit: Fit) -> tuple[Array, Array]:
 
 def per_condition(problem: Problem, fit: Fit, parameter: ParameterId) -> tuple[OwnValue, ...]:
     """A parameter of an effect as each condition alone would have it, the rest as all say."""
-    out, now = [], fit.model.value(parameter)
+    now, alone = fit.model.value(parameter), _alone(problem, fit, [parameter])
+    return tuple(OwnValue(words, now + s[parameter], s.sd(parameter)) for words, s in alone)
+
+
+def size_per_condition(problem: Problem, fit: Fit, effect: str) -> tuple[OwnValue, ...]:
+    """How many times a law as found each condition alone would have it, all its nodes free there.
+
+    A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
+    """
+    nodes = [p for p in fit.fitted if p.effect == effect]
+    values = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
+    out = []
+    for words, solution in _alone(problem, fit, nodes):
+        at = [solution.names.index(p) for p in nodes]
+        precision = np.linalg.inv(solution.covariance[np.ix_(at, at)]) @ values
+        theirs = np.array([fit.model.value(p) + solution[p] for p in nodes])
+        known = float(values @ precision)
+        out.append(OwnValue(words, float(theirs @ precision) / known, known**-0.5))
+    return tuple(out)
+
+
+def _alone(problem: Problem, fit: Fit, own: Sequence[ParameterId]) -> Iterator[tuple[str, Solution]]:
+    """Every condition in words, with what its data alone make of some parameters, the rest as all say."""
     shared = {
         p: (float(d), 1e-3 * float(np.sqrt(v)))
         for p, d, v in zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
-        if p.everywhere and p != parameter
+        if p.everywhere and p not in own
     }
-    priors = fit.priors | shared | {parameter: (0.0, 1e3 * fit.priors[parameter][1])}
+    priors = fit.priors | shared | {p: (0.0, 1e3 * fit.priors[p][1]) for p in own}
     for number, condition in enumerate(problem.conditions):
-        own = fit.system.total(_fitted_of(number))
-        if own.count:
-            solution = fit.system.solve(priors, own)
-            out.append(OwnValue(condition.words, now + solution[parameter], solution.sd(parameter)))
-    return tuple(out)
+        equations = fit.system.total(_fitted_of(number))
+        if equations.count:
+            yield condition.words, fit.system.solve(priors, equations)
+
+
+def sizes_per_condition(problem: Problem, fit: Fit, effect: str) -> list[tuple[OwnValue, ...]]:
+    """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
+    if effect == NAME:
+        return [size_per_condition(problem, fit, effect)]
+    return [per_condition(problem, fit, p) for p in fit.fitted if p.effect == effect]
 
 
 def _fitted_of(number: int) -> Callable[[Block], bool]:

@@ -99,7 +99,8 @@ class Descent:
         if self.fit is None or self.failed:
             return bool(self.failed)
         short = self.bent or self.history[-1] < ENOUGH  # where traces stay, one look more costs little
-        if (self.fit.converged and short) or self.back > BACK:
+        exact = self.rough or self.best is None or self.best.own
+        if (self.fit.converged and short and exact) or self.back > BACK:
             return True
         rough = self.rough and self.fit.hopeless
         most = FEW if rough else TRIES
@@ -122,9 +123,12 @@ class Descent:
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
         value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
-        if self.best is not None and value < self.best.ln_evidence - WORSE:
-            noisy = replace(self.best.fit, noisy=self.trust < NEAR)  # so near that what is lost is no loss
-            return replace(self, fit=noisy) if noisy.converged else self.retreat(self.best.fit)
+        last = self._comparable
+        if last is not None and value < last.ln_evidence - WORSE:
+            noisy = replace(last.fit, noisy=self.trust < NEAR)  # so near that what is lost is no loss
+            if noisy.converged:
+                return replace(self, fit=noisy)
+            return self.retreat(last.fit) if last.own else self._anew(last.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
         sizes = (
             self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in SHIFTS else 1.0)
@@ -136,16 +140,26 @@ class Descent:
             self._in_vain(value, promise),
         )  # fmt: skip
         contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
+        lent = self.parent if contracts and (self.rough or not fit.converged) else None
         stays = self.rough and (self.bent or contracts) and history[-1] < CHORD
         now = replace(
-            self, history=history, fit=fit, best=Reached(fit, value), trust=LONGER * self.trust, back=0,
-            tried=self.tried + 1, bent=not stays, parent=self.parent if contracts else None,
+            self, history=history, fit=fit, best=Reached(fit, value, self.parent is None), trust=LONGER * self.trust,
+            back=0, tried=self.tried + 1, bent=not stays, parent=lent,
         )  # fmt: skip
         return now if now.done else now._onward(fit)
 
+    @property
+    def _comparable(self) -> Reached | None:
+        """The best point so far, where its evidence can be held against the next: traces of a parent flatter."""
+        return self.best if self.best is not None and (self.best.own or self.parent is not None) else None
+
+    def _anew(self, best: Fit) -> Descent:
+        """Back to the best point with traces of its own: with those of a parent it may look better than it is."""
+        return replace(self, model=best.model, best=None, tried=self.tried + 1, bent=True, parent=None, last=None)
+
     def _in_vain(self, value: float, promise: float) -> bool:
         """Whether a small promise was kept by less than itself, and the next is as small."""
-        last = self.best
+        last = self._comparable
         return last is not None and max(last.fit.promise, promise) < VAIN > value - last.ln_evidence
 
     def retreat(self, best: Fit) -> Descent:

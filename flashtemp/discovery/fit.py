@@ -93,7 +93,9 @@ class Fit:
 
 @dataclass(frozen=True)
 class Reached:
-    """A point that was visited, its fit, and the evidence there, all that moves standing still."""
+    """A point that was visited, its fit, and the evidence there, all that moves standing still; whether all traces are
+    its `own`, none borrowed."""
 
     fit: Fit
     ln_evidence: float
+    own: bool = True

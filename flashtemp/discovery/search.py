@@ -118,7 +118,7 @@ def _worth_it(search: Search, depth: int) -> Fit | None:
 def _agrees(search: Search, fit: Fit) -> bool:
     """Whether what a further cause adds is the same in all conditions: if not, it mops up something else."""
     new = fit.model.effects.keys() - search.best.model.effects.keys()
-    found = [adequacy.per_condition(search.problem, fit, p) for p in fit.solution.names if p.effect in new]
+    found = [s for e in new for s in adequacy.sizes_per_condition(search.problem, fit, e)]
     return all(adequacy.consistent(f) > 10.0**-adequacy.SCATTERED for f in found)
 
 

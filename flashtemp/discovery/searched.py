@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import FAR, Descent, Watch, descend
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
@@ -122,28 +125,31 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         first = problem.predictions(problem.tasks(model, everything))
     coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
     data = Data.begin(problem, first, coarse)
-    begun = _by_length(problem, data, Descent(problem, data, model).take(first), everything)
+    begun = Descent(problem, data, model).take(first)
     del first, coarse  # columns of all pixels
     watch("going to the best point of it")
+    looked = _astray(begun)
+    if looked:
+        begun = _by_length(begun, everything)
     [end] = descend(problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)
+    if not looked and _bent(end.fit):
+        end = _other_length(end, everything, watch)
+    assert end.fit is not None
     return Calibrated(problem, data, end.fit, refused, mirrored)
 
 
-def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivatives) -> Descent:
-    """Where the model misfits grossly, or moves images or edges far, begun at the length of the block that fits best:
-    images show its trailing edge within a pixel or two, and no tangent tells which way it is farther off."""
-    fit = begun.fit
+def _by_length(begun: Descent, everything: Derivatives) -> Descent:
+    """Begun at the length of the block that fits best: images show its trailing edge within a pixel or two, and no
+    tangent tells which way it is farther off."""
+    problem, data, fit = begun.problem, begun.data, begun.fit
     assert fit is not None
-    if problem.case["schedule.alone"] or not (fit.hopeless or _strained(fit)):
+    if problem.case["schedule.alone"]:
         return begun
 
-    def longer(share: float) -> Model:
-        return replace(fit.model, sizes={"block.length": share})
-
     def misfit(share: float) -> float:
-        seen = problem.predictions(problem.tasks(longer(share), Derivatives()))
+        seen = problem.predictions(problem.tasks(_longer(fit.model, share), Derivatives()))
         return fit.system.shown(data.residuals(seen)).solve(fit.priors).chi2
 
     fits = {share: misfit(share) for share in (-LONGER, LONGER)}
@@ -151,8 +157,45 @@ def _by_length(problem: Problem, data: Data, begun: Descent, everything: Derivat
     if fit.solution.chi2 - fits[way] < 2.0 * HOPELESS:
         return begun
     fits |= {share: misfit(share) for share in (times * way for times in LENGTHS)}
-    best = longer(min(fits, key=lambda share: fits[share]))
+    best = _longer(fit.model, min(fits, key=lambda share: fits[share]))
     return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything)))
+
+
+def _other_length(end: Descent, everything: Derivatives, watch: Watch) -> Descent:
+    """The best point of a model from a block longer or shorter than told, where that has more evidence: an edge of an
+    image may be held by the wrong end, and then no step leads away."""
+    problem, fit = end.problem, end.fit
+    assert fit is not None
+    if problem.case["schedule.alone"]:
+        return end
+    best = end
+    for share in (-LONGER, LONGER):
+        model = _longer(problem.start, share)
+        begun = Descent(problem, end.data, model).take(problem.predictions(problem.tasks(model, everything)))
+        assert begun.fit is not None
+        if begun.fit.ln_evidence > fit.ln_evidence:
+            [other] = descend(problem, [begun], watch, HOPELESS)
+            best = max((best, other), key=_evidence)
+    return best
+
+
+def _longer(model: Model, share: float) -> Model:
+    return replace(model, sizes={"block.length": share})
+
+
+def _evidence(end: Descent) -> float:
+    return -np.inf if end.fit is None else end.fit.ln_evidence
+
+
+def _astray(begun: Descent) -> bool:
+    """Whether a model misfits grossly at its first look, or moves images or edges far."""
+    assert begun.fit is not None
+    return begun.fit.hopeless or _strained(begun.fit)
+
+
+def _bent(fit: Fit) -> bool:
+    """Whether a camera or the model's own error has to be farther from what is usual than it is likely to be."""
+    return any(abs(v) > adequacy.PULL for p, v in adequacy.pulls(fit).items() if p.kind is not Kind.KEY)
 
 
 def _strained(fit: Fit) -> bool:

@@ -11,14 +11,15 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery.calibration import FAR, Descent, advance, descend
+from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.search import _typical
+from flashtemp.discovery.rounds import FAR, advance, descend
 from flashtemp.discovery.searched import calibrate
+from flashtemp.discovery.starts import typical
 from flashtemp.model.case import load
 from flashtemp.physics.effect import Param, find
 from flashtemp.runs.workers import crew
@@ -256,4 +257,4 @@ def test_a_typical_strength_has_the_sign_of_the_trace(change, value):
     free, bound = Param(0.0, "1", "", low=-1.0, high=1.0, off=0.0), Param(0.0, "1", "", low=0.0, high=1.0, off=0.0)
     for param, expected in ((free, value), (bound, 0.5)):
         candidate = SimpleNamespace(params={"a": param}, strengths={"a": 0.5})
-        assert _typical(SimpleNamespace(candidate=candidate, values={"a": 0.0}, amplitude=[change])) == {"a": expected}
+        assert typical(SimpleNamespace(candidate=candidate, values={"a": 0.0}, amplitude=[change])) == {"a": expected}

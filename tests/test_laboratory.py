@@ -22,7 +22,7 @@ from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block
 from flashtemp.discovery.orientation import mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.problem import Problem, prepare
 from flashtemp.discovery.searched import Search, calibrate
 from flashtemp.model.case import load
 from flashtemp.runs.workers import crew
@@ -217,8 +217,8 @@ def descended(curve, tmp_path, start):
     case = load(tmp_path / "case.toml")
     [offset] = candidates(case, ("camera_offset",))[0]
     offset = replace(offset, strengths={"offset": 1.0})
-    nothing = SimpleNamespace(views=(), free=())
-    problem = SimpleNamespace(case=case, priors={}, free=(), campaign=nothing, loose=frozenset())
+    nothing = SimpleNamespace(views=(), free=(), priors={})
+    problem = Problem(nothing, (), (), (), {}, lambda tasks: [], case)
     now = Descent(problem, curve, Model({}, {"camera_offset": {"offset": start, "drift": 0.0}}), (offset,), rough=False)
     while not now.done:
         now = now.take([SimpleNamespace(model=now.model, bare=None)])

@@ -2,37 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from flashtemp.discovery.fit import ENOUGH, Fit, Reached
+from flashtemp.discovery.fit import ENOUGH, KNOWN, Fit, Reached
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Solution, System
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
-from flashtemp.discovery.problem import Problem, checked
+from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
-from flashtemp.errors import FlashtempError
 
 SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
+ONCE = 1  # step back in a row where a model misfits grossly
 CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 VAIN = 0.25  # the same where the step before promised as little, was taken and did not gain it
 FEW = 6  # tries that are enough where a model misfits grossly
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
+MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
 FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3, Kind.SIZE: 2e-3}  # relative, rad, s, relative
-FAR = "far behind the best"  # why a descent went no further
-
-Watch = Callable[[str], Any]
 
 
 @dataclass(frozen=True)
@@ -100,9 +97,9 @@ class Descent:
             return bool(self.failed)
         short = self.bent or self.history[-1] < ENOUGH  # where traces stay, one look more costs little
         exact = self.rough or self.best is None or self.best.own
-        if (self.fit.converged and short and exact) or self.back > BACK:
-            return True
         rough = self.rough and self.fit.hopeless
+        if (self.fit.converged and short and exact) or self.back > (ONCE if rough else BACK):
+            return True
         most = FEW if rough else TRIES
         return (rough and self.fit.usable) or len(self.history) >= most or self.tried >= most + BACK
 
@@ -125,7 +122,8 @@ class Descent:
         value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
         last = self._comparable
         if last is not None and value < last.ln_evidence - WORSE:
-            noisy = replace(last.fit, noisy=self.trust < NEAR)  # so near that what is lost is no loss
+            near = self.trust < NEAR or last.fit.promise < KNOWN  # so near that what is lost is no loss
+            noisy = replace(last.fit, noisy=near)
             if noisy.converged:
                 return replace(self, fit=noisy)
             return self.retreat(last.fit) if last.own else self._anew(last.fit)
@@ -173,7 +171,7 @@ class Descent:
 
     def _onward(self, fit: Fit) -> Descent:
         """Where a fit points, no farther than is trusted: the nearer, the more along the steepest way."""
-        steps = self._steps(fit.solution, fit.priors)
+        steps = self._physical(fit) or self._steps(fit.solution, fit.priors)
         if self.trust < LONGEST:
             damped, moving = fit.priors, {*steps, *map(self._of_the_view, steps)}
             while self._far(steps, fit) > self.trust:
@@ -183,6 +181,18 @@ class Descent:
         share = min(1.0, LONGEST / max(self._far(steps, fit), 1e-300), self._beyond(steps, fit))
         model = self._moved(fit, {p: share * float(s) for p, s in steps.items()})
         return replace(self, model=model, last=Pointed(steps, share))
+
+    def _physical(self, fit: Fit) -> dict[ParameterId, float]:
+        """Steps of effects and keys alone, of a model that misfits grossly, if they explain most of it: images must not
+        be dragged, nor clocks put off, by what physics will do.  Else none."""
+        if not (fit.hopeless and self.priors):
+            return {}
+        free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
+        found = fit.solved(replace(self.problem, stiff=True), free)
+        if 0.5 * (found.solution.chi2 - fit.solution.chi2) > (1.0 - MOSTLY) * fit.promise:
+            return {}
+        own = (*SHIFTS, *OF_THE_LABORATORY)
+        return {p: s for p, s in self._steps(found.solution, found.priors).items() if p.kind not in own}
 
     def _likely(self, p: ParameterId, step: float, fit: Fit) -> float:
         """A step of an error of the laboratory, no longer than one may be: a clock must not hold up all else."""
@@ -292,40 +302,3 @@ def _standing(system: System, priors: Priors, moving: list[ParameterId]) -> tupl
     pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in moving)
     solution = system.solve(still)
     return solution.ln_evidence - 0.5 * pulls, solution.chi2 + pulls
-
-
-def advance(problem: Problem, descents: Sequence[Descent]) -> list[Descent]:
-    """One round of several models; all their predictions are shared among the workers."""
-    asked = [d.tasks() for d in descents]
-    answers = iter(problem.run([t for tasks in asked for t in tasks]))
-    out = []
-    for d, tasks in zip(descents, asked, strict=True):
-        own = [next(answers) for _ in tasks]
-        try:
-            out.append(d.take([checked(a) for a in own]))
-        except FlashtempError as fault:
-            if d.best is None or d.back > BACK:
-                out.append(replace(d, failed=str(fault)))
-            else:
-                out.append(d.retreat(d.best.fit))
-    return out
-
-
-def descend(
-    problem: Problem, descents: Sequence[Descent], watch: Watch = lambda text: None, hopeless: float = np.inf
-) -> list[Descent]:
-    """Bring several models to their best points; all predictions of a round are shared among the workers.
-
-    A model whose evidence lies more than `hopeless` behind the best after three rounds goes no further.
-    """
-    now = list(descents)
-    while live := [k for k, d in enumerate(now) if not d.done]:
-        for k, d in zip(live, advance(problem, [now[k] for k in live]), strict=True):
-            now[k] = d
-        top = max((d.fit.ln_evidence for d in now if d.fit is not None), default=-np.inf)
-        for k in live:
-            d = now[k]
-            if not d.done and len(d.history) >= 3 and d.fit is not None and d.fit.ln_evidence < top - hopeless:
-                now[k] = replace(d, failed=FAR)
-        watch(f"  round {max((len(now[k].history) for k in live), default=0)}")
-    return now

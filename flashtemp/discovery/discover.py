@@ -14,7 +14,6 @@ import numpy as np
 from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
 from flashtemp.discovery.assessment import Assessed
-from flashtemp.discovery.calibration import Watch
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.hypothesis import Model
@@ -25,6 +24,7 @@ from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.rounds import Watch
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore, settled
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate

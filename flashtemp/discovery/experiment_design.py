@@ -19,7 +19,6 @@ from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery import sensor_places
-from flashtemp.discovery.calibration import Watch
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
@@ -27,6 +26,7 @@ from flashtemp.discovery.nuisances import MODES, nuisances
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.rounds import Watch
 from flashtemp.discovery.scores import NOTHING, Separability, separability
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError

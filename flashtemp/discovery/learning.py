@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.discovery import assessment
-from flashtemp.discovery.calibration import Descent, Watch, descend
+from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.formula import formula, legend
 from flashtemp.discovery.hypothesis import Candidate, candidates
@@ -21,6 +21,7 @@ from flashtemp.discovery.linear_gaussian import NormalEquations
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.rounds import Watch, descend
 from flashtemp.discovery.scores import scores
 from flashtemp.discovery.searched import APART, HOPELESS, NAMED, Search, held, traced
 from flashtemp.discovery.unknown_law import ARGUMENTS, NAME, UNKNOWNS, Argument, Law, Unknown, given, spread

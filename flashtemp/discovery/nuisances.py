@@ -33,6 +33,7 @@ GROUPS = {  # standard deviations, by the kind of nuisance
 }
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
+STIFF = 0.03  # times as wide: priors of images, clocks and the block where a model misfits too grossly to move them
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
 LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MOST = 3.0
@@ -81,6 +82,8 @@ def nuisances(
             out[p] = (0.0, floor)
         elif p.kind in GROUPS:
             out[p] = (0.0, GROUPS[p.kind] * (min(scale, MOST) if p.kind in LARGER else 1.0))
+        if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
+            out[p] = (0.0, STIFF * out[p][1])
     return out
 
 

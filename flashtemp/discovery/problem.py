@@ -22,6 +22,7 @@ from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
 
 CLEARLY = 0.5  # misfit otherwise over misfit as told, below which a recording is something else
+LIKELY = 1.4  # how much friction and contact that are not known may change a rise
 SEEN = 0.3  # K: misfits below it are no ground for suspicion
 LEAST = 0.1  # of numerics.finer that a case may give
 
@@ -33,7 +34,8 @@ class Problem:
     """What does not change while a campaign is fitted.
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened.
+    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
+    `stiff`: images, clocks and the block may hardly be elsewhere than where they are.
     """
 
     campaign: Campaign
@@ -44,6 +46,7 @@ class Problem:
     run: Run
     case: Case
     loose: frozenset[ParameterId] = frozenset()
+    stiff: bool = False
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
         """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
@@ -137,13 +140,14 @@ def strangers(problem: Problem, predictions: Sequence[Prediction]) -> dict[str, 
             if view.file in out:
                 continue
             seen, T = prediction.observables[view.file], view.recording.temperature
-            own = _misfit(T, seen.values, seen.inside)
+            still = problem.case["ambient.temperature"]
+            own = _misfit(T - still, seen.values - still, seen.inside)
             if not own > SEEN:
                 continue
             ways = {}
             if view.recording.view == "sidewall":
-                ways["is upside down"] = _misfit(T[:, ::-1], seen.values, seen.inside)
-                ways["is turned by 180 degrees"] = _misfit(T[:, ::-1, ::-1], seen.values, seen.inside)
+                for words, turned in (("upside down", T[:, ::-1]), ("turned by 180 degrees", T[:, ::-1, ::-1])):
+                    ways[f"is {words}"] = _misfit(turned - still, seen.values - still, seen.inside)
             ways |= _elsewhere(problem, predictions, number, view)
             best = min(ways, key=ways.__getitem__, default=None)
             if best is not None and ways[best] < CLEARLY * own:
@@ -153,13 +157,15 @@ def strangers(problem: Problem, predictions: Sequence[Prediction]) -> dict[str, 
 
 def _elsewhere(problem: Problem, predictions: Sequence[Prediction], number: int, view: View) -> dict[str, float]:
     """{words: misfit (K)} of a recording of condition `number` to like recordings of the other conditions."""
-    out, T = {}, view.recording.temperature
+    out, T, still = {}, view.recording.temperature, problem.case["ambient.temperature"]
     inside = predictions[number].observables[view.file].inside
     for other, condition in enumerate(problem.conditions):
         for like in condition.views if other != number else ():
             theirs = predictions[other].observables[like.file]
             if like.recording.view == view.recording.view and theirs.values.shape == T.shape:
-                out[f"belongs to condition {other + 1}"] = _misfit(T, theirs.values, inside & theirs.inside)
+                out[f"belongs to condition {other + 1}"] = _misfit(
+                    T - still, theirs.values - still, inside & theirs.inside
+                )
     return out
 
 
@@ -177,8 +183,13 @@ def _copies(problem: Problem) -> dict[str, str]:
 
 
 def _misfit(measured: npt.NDArray[Any], predicted: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> float:
-    left = np.where(inside, measured - predicted, np.nan)
-    return float(np.sqrt(np.nanmean(left**2))) if np.isfinite(left).any() else float("inf")
+    """What a predicted rise leaves of a measured one, as much larger or smaller as friction may make it (rms, K)."""
+    known = inside & np.isfinite(measured)
+    if not known.any():
+        return float("inf")
+    own, rise = measured[known], predicted[known]
+    factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / LIKELY, LIKELY)
+    return float(np.sqrt(np.mean((own - factor * rise) ** 2)))
 
 
 def without(

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from flashtemp.discovery.calibration import Descent, Watch, descend
+from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, scored
 from flashtemp.discovery.hypothesis import prior
 from flashtemp.discovery.laboratory import LabError, errors
 from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.rounds import Watch, descend
 from flashtemp.discovery.scores import scores
 from flashtemp.discovery.searched import APART, NAMED, SIMILAR, Search, held, traced
 

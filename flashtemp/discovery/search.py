@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from flashtemp.discovery import adequacy
-from flashtemp.discovery.calibration import Descent, Watch, advance, descend
+from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, holdable
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.put_right import doubt, put_right
+from flashtemp.discovery.rounds import Watch, advance, descend
 from flashtemp.discovery.scores import Score, pairs, scores
 from flashtemp.discovery.searched import (
     HOPELESS,
@@ -27,6 +28,7 @@ from flashtemp.discovery.searched import (
     Search,
     traced,
 )  # fmt: skip
+from flashtemp.discovery.starts import by_runs, dragged, inside, typical
 
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
@@ -41,7 +43,8 @@ def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
     search = Search(problem, data, calibrated.refused, base, base, {frozenset(): base}, mirrored=calibrated.mirrored)
     search = put_right(search, watch)
     for depth in range(MOST):
-        ranked = scores(search.problem, search.best, problem.tried)
+        stiff = replace(search.problem, stiff=dragged(search.best))
+        ranked = scores(stiff, search.best, problem.tried)
         search = _refit(replace(search, ranking=(*search.ranking, ranked)), ranked, depth, watch)
         found = _worth_it(search, depth)
         if not depth:
@@ -129,12 +132,12 @@ def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> 
     trace of one alone shows the other, and a base that misfits shifts the images.
     """
     watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
-    model = Model(search.problem.start.free, {first.effect: _typical(first)})
+    model = Model(search.problem.start.free, {first.effect: typical(first)})
     best: list[tuple[float, Descent]] = []
     others = [s for s in ranked if s is not first and s.seen > 0.0]
     for k in range(0, len(others), TOGETHER):
         tried = [
-            search.start(model.with_effect(s.effect, _typical(s)), (first.candidate, s.candidate), rough=False)
+            search.start(model.with_effect(s.effect, typical(s)), (first.candidate, s.candidate), rough=False)
             for s in others[k : k + TOGETHER]
         ]
         best += [(d.fit.ln_evidence, d) for d in advance(search.problem, tried) if d.fit is not None]
@@ -144,16 +147,19 @@ def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> 
 
 def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> Search:
     """With full fits of groups of candidates added to the present best, from where their traces point."""
-    descents, asked = [], dict(search.asked)
+    descents, asked, stray = [], dict(search.asked), dragged(search.best)
     for group in groups:
         model = search.best.model
+        if stray:
+            model = replace(search.problem.start, effects=model.effects)
         for s in group:
-            model = model.with_effect(s.effect, _inside(s))
-        if len(group) == 1:
+            values = by_runs(search.problem, search.data, search.best, s) if stray else inside(s)
+            model = model.with_effect(s.effect, values)
+        if len(group) == 1 and not stray:
             model = replace(model, free=_moved(search.problem, model.free, group[0].free))
         if frozenset(model.effects) not in search.fits:
             start = search.start(model, [*search.own, *(s.candidate for s in group)])
-            descents.append(replace(start, parent=search.best))
+            descents.append(start if stray else replace(start, parent=search.best))
             asked[frozenset(model.effects)] = _gain(search, group)
     return _run(replace(search, asked=asked), descents, watch)
 
@@ -198,25 +204,3 @@ def alive(problem: Problem, fit: Fit) -> bool:
         if all(values[k] == p.off for k, p in params.items() if k in values and p.off is not None):
             return False
     return True
-
-
-def _typical(s: Score) -> dict[str, float]:
-    """Values of an effect at its typical strength, with the sign of its trace where that is possible."""
-    params, values = s.candidate.params, dict(s.values)
-    for (k, a), change in zip(s.candidate.strengths.items(), s.amplitude, strict=True):
-        p, off = params[k], params[k].off or 0.0
-        values[k] = off + float(np.copysign(a, change))
-        if not p.low <= values[k] <= p.high:
-            values[k] = off + a
-    return values
-
-
-def _inside(s: Score) -> dict[str, float]:
-    """Start values of a full fit, within bounds and not off."""
-    params, values = s.candidate.params, dict(s.values)
-    for k, a in s.candidate.strengths.items():
-        p = params[k]
-        values[k] = float(np.clip(values[k], p.low, p.high))
-        if values[k] == p.off:
-            values[k] = float(np.clip(p.off + 0.1 * a, p.low, p.high))
-    return values

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flashtemp.discovery import adequacy
-from flashtemp.discovery.calibration import FAR, Descent, Watch, descend
+from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.hypothesis import Candidate, Model
@@ -18,6 +18,7 @@ from flashtemp.discovery.orientation import Turned, turned_round, with_views
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem, strangers, without
+from flashtemp.discovery.rounds import FAR, Watch, descend
 from flashtemp.discovery.scores import Score
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import BadInput, SolverFailure

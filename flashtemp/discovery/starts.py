@@ -1,0 +1,83 @@
+"""Where a full fit of a candidate begins: where its trace points or, where the base misfits grossly, where runs say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from flashtemp.discovery import adequacy
+from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS
+from flashtemp.discovery.prediction import Derivatives, Prediction
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.scores import Score
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import FlashtempError
+
+DRAGGED = 3.0  # standard deviations by which an image, or the block, is not likely to be off
+
+
+def dragged(fit: Fit) -> bool:
+    """Whether a model that misfits grossly has dragged images or the block to where they are not: what extends it
+    begins where all was told to be."""
+    own = (*SHIFTS, *OF_THE_LABORATORY)
+    return fit.hopeless and any(abs(v) > DRAGGED for p, v in adequacy.pulls(fit).items() if p.kind in own)
+
+
+def by_runs(problem: Problem, data: Data, fit: Fit, s: Score) -> dict[str, float]:
+    """Values of an effect, of those that its trace and its typical strength suggest, that leave least of the condition
+    that misfits most: no tangent reaches far from a base that misfits grossly."""
+    excess = adequacy.excess(fit)
+    number = max(
+        range(len(problem.conditions)), key=lambda n: sum(excess[e.file] for e in problem.conditions[n].entries)
+    )
+    only = replace(problem, conditions=problem.conditions[number : number + 1], pins=problem.pins[number : number + 1])
+    options = list(_options(s))
+    model = replace(problem.start, effects=fit.model.effects)
+    tasks = [only.tasks(model.with_effect(s.effect, o), Derivatives())[0] for o in options]
+    stiff, now = replace(problem, stiff=True), {b.label: b.r for b in fit.blocks}
+
+    def misfit(answer: Prediction | FlashtempError) -> float:
+        if isinstance(answer, FlashtempError):
+            return np.inf
+        try:
+            seen = replace(data, problem=only).residuals([answer])
+        except FlashtempError:
+            return np.inf
+        system = fit.system.shown(now | seen)
+        own = system.total(lambda b: b.condition == number and not b.held_out)
+        return replace(fit, system=system).solved(stiff, fit.effects, own).solution.chi2
+
+    left = [misfit(answer) for answer in problem.run(tasks)]
+    return options[int(np.argmin(left))]
+
+
+def _options(s: Score) -> Iterator[dict[str, float]]:
+    """Values of an effect from which a fit may begin."""
+    yield inside(s)
+    for variant in range(len(s.candidate.variants)):
+        yield typical(replace(s, variant=variant))
+
+
+def typical(s: Score) -> dict[str, float]:
+    """Values of an effect at its typical strength, with the sign of its trace where that is possible."""
+    params, values = s.candidate.params, dict(s.values)
+    for (k, a), change in zip(s.candidate.strengths.items(), s.amplitude, strict=True):
+        p, off = params[k], params[k].off or 0.0
+        values[k] = off + float(np.copysign(a, change))
+        if not p.low <= values[k] <= p.high:
+            values[k] = off + a
+    return values
+
+
+def inside(s: Score) -> dict[str, float]:
+    """Start values of a full fit, within bounds and not off."""
+    params, values = s.candidate.params, dict(s.values)
+    for k, a in s.candidate.strengths.items():
+        p = params[k]
+        values[k] = float(np.clip(values[k], p.low, p.high))
+        if values[k] == p.off:
+            values[k] = float(np.clip(p.off + 0.1 * a, p.low, p.high))
+    return values

@@ -17,9 +17,10 @@ from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.rounds import FAR, advance, descend
-from flashtemp.discovery.searched import calibrate
-from flashtemp.discovery.starts import typical
+from flashtemp.discovery.rounds import FAR, _far, advance, descend
+from flashtemp.discovery.scores import scores
+from flashtemp.discovery.searched import calibrate, traced
+from flashtemp.discovery.starts import by_runs, dragged, typical
 from flashtemp.model.case import load
 from flashtemp.physics.effect import Param, find
 from flashtemp.runs.workers import crew
@@ -177,6 +178,74 @@ def test_what_extends_a_traced_model_asks_only_for_what_is_new(resistive):
     assert lent.solution.sd(name) == pytest.approx(exact.solution.sd(name), rel=0.02)
     assert lent.ln_evidence == pytest.approx(exact.ln_evidence, abs=0.5)
     assert set(lent.system.names) == set(exact.system.names)
+
+
+def test_a_law_ends_with_traces_of_its_own(resistive):
+    """What must be exact (not rough) ends only where nothing is borrowed any more, as without a parent."""
+    c, ends = candidate(resistive, "interface_resistance"), {}
+    model = resistive.base.model.with_effect("interface_resistance", c.off() | {"resistance": 1e-5})
+    for parent in (None, resistive.base):
+        start = Descent(resistive.problem, resistive.data, model, (c,), rough=False, parent=parent)
+        [ends[parent is None]] = descend(resistive.problem, [start])
+    assert ends[False].best.own
+    assert ends[False].fit.ln_evidence == pytest.approx(ends[True].fit.ln_evidence, abs=0.05)
+
+
+def test_the_evidence_of_borrowed_traces_is_held_against_nothing_else(resistive):
+    """A point that a parent flatters is looked at again with traces of its own when the next one seems worse."""
+    c = candidate(resistive, "interface_resistance")
+    model = resistive.base.model.with_effect("interface_resistance", c.off() | {"resistance": 1e-5})
+    begun = Descent(resistive.problem, resistive.data, model, (c,), rough=False, parent=resistive.base)
+    [once] = advance(resistive.problem, [begun])
+    assert not once.best.own
+    flattered = replace(once, best=replace(once.best, ln_evidence=once.best.ln_evidence + 1e4))
+    [again] = advance(resistive.problem, [flattered])
+    assert again.model is once.best.fit.model
+    assert (again.best, again.parent, again.back) == (None, None, 0)
+    [end] = descend(resistive.problem, [again])
+    assert end.fit.converged
+
+
+@pytest.mark.parametrize(
+    ("rounds", "ln_evidence", "far"), [(1, -1e6, False), (2, -141.0, True), (2, -139.0, False), (3, -91.0, True)]
+)
+def test_what_goes_no_further(rounds, ln_evidence, far):
+    """40 behind what the best has after two rounds, or behind what it promises after three."""
+    best = SimpleNamespace(history=(1.0, 1.0, 1.0), fit=SimpleNamespace(ln_evidence=-50.0, promise=50.0))
+    other = SimpleNamespace(history=(1.0,) * rounds, fit=SimpleNamespace(ln_evidence=ln_evidence, promise=1e3))
+    assert _far(other, [best, other], 40.0) is far
+
+
+# --- gross misfits -----------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def peaked(campaigns):
+    """The pressure peaks fivefold at the leading edge, and nobody knows."""
+    return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL, conditions=2)
+
+
+def test_only_a_gross_misfit_that_moves_images_far_drags_them(two):
+    solution = two.base.solution
+    at = next(i for i, p in enumerate(solution.names) if p.kind is Kind.SHIFT_U)
+    moved = solution.d.copy()
+    moved[at] += 4.0 * two.base.priors[solution.names[at]][1]
+    gross = {"chi2": 1.5 * solution.count}
+    for changes, expected in (({}, False), (gross, False), ({"d": moved}, False), (gross | {"d": moved}, True)):
+        assert dragged(replace(two.base, solution=replace(solution, **changes))) is expected
+
+
+def test_a_full_fit_begins_where_runs_leave_least_and_ends_at_the_truth(peaked):
+    """From where the traces of a base that misfits grossly point, no step leads there."""
+    problem, truth = peaked.problem, peaked.truth["hidden"]["edge_pressure"]
+    c = candidate(peaked, "edge_pressure")
+    base = traced(problem, peaked.data, peaked.base, lambda text: None)
+    [score] = (s for s in scores(replace(problem, stiff=True), base, [c]) if s.effect == c.effect)
+    start = by_runs(problem, peaked.data, base, score)
+    assert start["length"] == pytest.approx(truth["length"])
+    told = problem.start.with_effect(c.effect, start)
+    [end] = descend(problem, [Descent(problem, peaked.data, told, (c,))])
+    assert end.fit.usable
+    p = ParameterId.of_effect(c.effect, "B")
+    assert abs(end.fit.model.value(p) + end.fit.solution[p] - truth["B"]) < 4.0 * end.fit.solution.sd(p)
 
 
 @pytest.mark.long

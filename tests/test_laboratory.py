@@ -22,7 +22,7 @@ from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block
 from flashtemp.discovery.orientation import mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import Problem, prepare
+from flashtemp.discovery.problem import Problem, _misfit, prepare
 from flashtemp.discovery.searched import Search, calibrate
 from flashtemp.model.case import load
 from flashtemp.runs.workers import crew
@@ -261,6 +261,19 @@ def test_a_fit_keeps_its_best_point_and_its_steps_are_counted(tmp_path, monkeypa
     kept = end.fit.model.effects["camera_offset"]["offset"]
     assert end.best.fit is end.fit
     assert abs(kept - 0.5) <= min(abs(a - 0.5) for a in curve.asked) + 0.2
+
+
+# --- recordings that do not belong ------------------------------------------------------------------------------
+@pytest.mark.parametrize(("factor", "left"), [(0.8, 0.0), (1.35, 0.0), (2.0, 0.6), (0.5, 0.5 - 1 / 1.4)])
+def test_a_rise_counts_as_known_within_what_friction_may_make_of_it(factor, left):
+    """A pressure that peaks made the wake of one condition fit another one better than its own."""
+    rise = np.linspace(1.0, 3.0, 24).reshape(2, 3, 4)
+    inside = np.ones((3, 4), bool)
+    seen = factor * rise
+    seen[0, 0, 0] = np.nan
+    rms = np.sqrt(np.mean(rise[np.isfinite(seen)] ** 2))
+    assert _misfit(seen, rise, inside) == pytest.approx(abs(left) * rms, abs=1e-12)
+    assert _misfit(seen, rise, ~inside) == np.inf
 
 
 # --- what is not judged is not called needless ----------------------------------------------------------------

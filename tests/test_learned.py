@@ -17,8 +17,11 @@ from scipy.stats import multivariate_normal
 import flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import discover, learning
+from flashtemp.discovery import adequacy, discover, learning
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.formula import formula
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.searched import NAMED, Search
@@ -175,6 +178,45 @@ TRUE = {  # what holds, and over which argument: ln of the factor at the nodes
     "saturating": ("slid", np.log(1.0 + 0.8 * -np.expm1(-np.linspace(0.0, 2.0, 5) / 0.4))),
     "peak": ("temperature", np.log(1.0 + 0.5 * np.exp(-0.5 * ((u - 50.0) / 15.0) ** 2))),
 }
+
+
+def law_of(sizes, wobble=0.0, seed=3):
+    """A fit of three nodes to two conditions of 400 data that show the law, `sizes` times as large; `wobble` moves one
+    node of the second against its neighbour, and the law as a whole by nothing."""
+    rng = np.random.default_rng(seed)
+    nodes = [ParameterId.of_effect(NAME, f"at_{k + 1}") for k in range(3)]
+    values, none, blocks = np.array([0.3, -0.2, 0.25]), (np.zeros((400, 0)), np.zeros((0, 0))), []
+    C = 100.0 * rng.standard_normal((400, 3)) @ (np.eye(3) + 0.8 * rng.standard_normal((3, 3)))
+    against, seen = np.array([1.0, -1.0, 0.0]), values @ C.T @ C
+    against -= values * (seen @ against) / (seen @ values)
+    for number, size in enumerate(sizes):
+        own = size * values + number * wobble * against
+        r = C @ own + rng.standard_normal(400)
+        blocks.append(Block("ab"[number], number, False, r, C, tuple((p, k) for k, p in enumerate(nodes)), *none))
+    priors = {p: (0.0, 0.3) for p in nodes}
+    system = System(blocks)
+    model = Model({}, {NAME: {p.name: 0.0 for p in nodes}})
+    fit = Fit(model, (), system, system.solve(priors), priors, 1.0, (0.0,))
+    return SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)]), fit
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0), (1.0, 1.1), (0.9, 1.2)])
+def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes):
+    problem, fit = law_of(sizes)
+    [found] = adequacy.sizes_per_condition(problem, fit, NAME)
+    common = fit.solution.d @ np.array([0.3, -0.2, 0.25]) / np.sum(np.array([0.3, -0.2, 0.25]) ** 2)
+    for own, size in zip(found, sizes, strict=True):
+        assert own.value * common == pytest.approx(size, abs=5.0 * own.stderr)
+    assert (adequacy.consistent(found) > 1e-4) is (sizes[0] == sizes[1])
+
+
+def test_a_node_against_its_neighbour_is_no_other_size():
+    """What conditions make of single nodes says little of a law: lines between nodes are not what they stand for."""
+    problem, fit = law_of((1.0, 1.0), wobble=0.006)
+    [found] = adequacy.sizes_per_condition(problem, fit, NAME)
+    alone = [adequacy.per_condition(problem, fit, p) for p in fit.fitted]
+    assert adequacy.consistent(found) > 1e-4
+    assert min(map(adequacy.consistent, alone)) < 1e-4
 
 
 @pytest.mark.parametrize("name", TRUE)

@@ -51,3 +51,23 @@ def test_nothing_is_named_that_is_not_there(benchmark, seed):
     found = benchmark.one(seed, small=True)
     print(seed, found["kind"], found["hidden"], f"z {found['z']:.1f}", found["verdict"], found["says"])
     assert benchmark.outcome(found) not in ("wrong", "weak wrong"), found["says"]
+
+
+@pytest.mark.long
+def test_a_length_that_is_held_by_the_wrong_end_is_found(tmp_path):
+    """Block 2.0 % longer than told: Gauss-Newton from there rests at 0.8 %, 290 nats below the best point."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery.parameters import Kind, ParameterId
+    from flashtemp.discovery.prediction import predict
+    from flashtemp.discovery.problem import prepare
+    from flashtemp.discovery.searched import calibrate
+    from flashtemp.runs.workers import crew
+
+    truth = laboratory.campaign(tmp_path, {}, 7635, test=laboratory.Programme(), beyond={"length": 6e-4})
+    with crew(predict, 1) as run:
+        base = calibrate(prepare(campaign.load(tmp_path), run)).base
+    p = ParameterId(Kind.SIZE, name="block.length")
+    found = base.model.sizes[p.name] + base.solution[p]
+    assert abs(found - (truth["length"] / 0.025 - 1.0)) < 3.0 * base.solution.sd(p)

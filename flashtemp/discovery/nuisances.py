@@ -11,7 +11,7 @@ from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Priors
-from flashtemp.discovery.prediction import Observable, Single, packed
+from flashtemp.discovery.prediction import Derivatives, Observable, Single, packed
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.thermocouples import gain_of, placed
 
@@ -53,6 +53,11 @@ PLAIN = frozenset(  # what everybody would calibrate
     }
 )
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
+
+
+def everything(problem: Problem) -> Derivatives:
+    """Derivatives by all that calibration may move."""
+    return Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
 
 
 def nuisances(

@@ -16,8 +16,8 @@ from flashtemp.comparison.campaign import View
 from flashtemp.discovery.fit import MISFIT, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
-from flashtemp.discovery.nuisances import MODES
-from flashtemp.discovery.prediction import Derivatives, Prediction
+from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.prediction import Prediction
 from flashtemp.discovery.problem import CLEARLY, Problem
 from flashtemp.discovery.scales import solved
 from flashtemp.discovery.whitening import Data
@@ -50,14 +50,19 @@ def mirrored(recording: Recording, length: float) -> Recording:
 
 def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
+    suspects = list(_suspicious(problem, data, first))
+    others = [_other_way(problem, view) for _, view in suspects]
+    tasks = [task for other in others for task in other.tasks(problem.start, everything(other))]
     found = []
-    for number, alone in _suspicious(problem, data, first):
-        view = next(v for v in problem.conditions[number].views if v.file == alone.block.label)
-        other = _other_way(problem, data, number, view)
-        if other is not None and other.fits_better_than(alone):
+    for (alone, view), other, made in zip(suspects, others, problem.run(tasks) if tasks else (), strict=True):
+        if isinstance(made, FlashtempError):  # what cannot be predicted is not the other way round
+            continue
+        [block] = _begun(other, data, [made])
+        turned = _alone(other, block, other.start)
+        if turned.fits_better_than(alone):
             right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
-            gain = other.ln_evidence - alone.ln_evidence
-            found.append(Turned(right, gain, 1.0 + alone.excess, 1.0 + other.excess))
+            gain = turned.ln_evidence - alone.ln_evidence
+            found.append(Turned(right, gain, 1.0 + alone.excess, 1.0 + turned.excess))
     return tuple(found)
 
 
@@ -91,8 +96,7 @@ def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, st
 
     Raises SolverFailure.
     """
-    everything = Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
-    predictions = problem.predictions(problem.tasks(fit.model, everything))
+    predictions = problem.predictions(problem.tasks(fit.model, everything(problem)))
     told = {b.label: _alone(problem, b, fit.model) for b in _begun(problem, data, predictions)}
     for words, axes in WAYS.items():
         views = [
@@ -118,27 +122,22 @@ def _alone(problem: Problem, block: Block, model: Model) -> _Alone:
     return _Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
 
 
-def _suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[int, _Alone]]:
-    """Recordings that no calibration explains, with the number of their condition."""
-    views = {v.file for v in problem.campaign.views if v.recording.places is None}
+def _suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[_Alone, View]]:
+    """Recordings that no calibration explains, by themselves."""
+    views = {v.file: v for v in problem.campaign.views if v.recording.places is None}
     for block in data.blocks(first):
         if block.label in views and not block.held_out:
             alone = _alone(problem, block, problem.start)
             if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
-                yield block.condition, alone
+                yield alone, views[block.label]
 
 
-def _other_way(problem: Problem, data: Data, number: int, view: View) -> _Alone | None:
-    """A recording turned round against its own prediction; None where that cannot be made."""
+def _other_way(problem: Problem, view: View) -> Problem:
+    """The problem of one recording alone, turned round."""
     right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
+    number = next(n for n, c in enumerate(problem.conditions) if any(v.file == view.file for v in c.views))
     condition = replace(problem.conditions[number], views=(right,), forces=())
-    only = replace(
+    return replace(
         problem, conditions=(condition,), pins=(problem.pins[number],),
         campaign=replace(problem.campaign, views=(right,), forces=()),
     )  # fmt: skip
-    wanted = Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
-    [made] = problem.run(only.tasks(problem.start, wanted))
-    if isinstance(made, FlashtempError):
-        return None
-    [block] = _begun(only, data, [made])
-    return _alone(only, block, only.start)

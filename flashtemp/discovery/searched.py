@@ -13,7 +13,7 @@ from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError
-from flashtemp.discovery.nuisances import MODES
+from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.orientation import Turned, turned_round, with_views
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives
@@ -113,8 +113,8 @@ def held(problem: Problem, model: Model) -> list[Candidate]:
 def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure."""
     watch("calibrating the model that is believed")
-    model, everything = problem.start, Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
-    first = problem.predictions(problem.tasks(model, everything))
+    model = problem.start
+    first = problem.predictions(problem.tasks(model, everything(problem)))
     refused = strangers(problem, first)
     if refused:
         problem, (first,) = without(problem, [first], refused)
@@ -123,7 +123,7 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     mirrored = turned_round(problem, Data.begin(problem, first), first)
     if mirrored:
         problem = with_views(problem, [m.view for m in mirrored])
-        first = problem.predictions(problem.tasks(model, everything))
+        first = problem.predictions(problem.tasks(model, everything(problem)))
     coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
     data = Data.begin(problem, first, coarse)
     begun = Descent(problem, data, model).take(first)
@@ -131,17 +131,17 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     watch("going to the best point of it")
     looked = _astray(begun)
     if looked:
-        begun = _by_length(begun, everything)
+        begun = _by_length(begun)
     [end] = descend(problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)
     if not looked and _bent(end.fit):
-        end = _other_length(end, everything, watch)
+        end = _other_length(end, watch)
     assert end.fit is not None
     return Calibrated(problem, data, end.fit, refused, mirrored)
 
 
-def _by_length(begun: Descent, everything: Derivatives) -> Descent:
+def _by_length(begun: Descent) -> Descent:
     """Begun at the length of the block that fits best: images show its trailing edge within a pixel or two, and no
     tangent tells which way it is farther off."""
     problem, data, fit = begun.problem, begun.data, begun.fit
@@ -159,10 +159,10 @@ def _by_length(begun: Descent, everything: Derivatives) -> Descent:
         return begun
     fits |= {share: misfit(share) for share in (times * way for times in LENGTHS)}
     best = _longer(fit.model, min(fits, key=lambda share: fits[share]))
-    return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything)))
+    return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything(problem))))
 
 
-def _other_length(end: Descent, everything: Derivatives, watch: Watch) -> Descent:
+def _other_length(end: Descent, watch: Watch) -> Descent:
     """The best point of a model from a block longer or shorter than told, where that has more evidence: an edge of an
     image may be held by the wrong end, and then no step leads away."""
     problem, fit = end.problem, end.fit
@@ -172,7 +172,7 @@ def _other_length(end: Descent, everything: Derivatives, watch: Watch) -> Descen
     best = end
     for share in (-LONGER, LONGER):
         model = _longer(problem.start, share)
-        begun = Descent(problem, end.data, model).take(problem.predictions(problem.tasks(model, everything)))
+        begun = Descent(problem, end.data, model).take(problem.predictions(problem.tasks(model, everything(problem))))
         assert begun.fit is not None
         if begun.fit.ln_evidence > fit.ln_evidence:
             [other] = descend(problem, [begun], watch, HOPELESS)

@@ -61,6 +61,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 $(READY): pyproject.toml | .venv/bin/pip
 	$(PIP) install --quiet --upgrade pip
 	$(PIP) install --quiet --no-compile --editable '.[test,dev,docs]'
+	@.venv/bin/python -m compileall -q -j 0 .venv/lib flashtemp viz >/dev/null 2>&1 || true  # once, on all cores
 	@$(MAKE) --no-print-directory odes browser
 	@touch $@
 

@@ -100,6 +100,8 @@ def size_per_condition(problem: Problem, fit: Fit, effect: str) -> tuple[OwnValu
     A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
     """
     nodes = [p for p in fit.fitted if p.effect == effect]
+    if not nodes:  # all on their bounds
+        return ()
     values = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
     out = []
     for words, solution in _alone(problem, fit, nodes):

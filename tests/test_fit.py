@@ -191,16 +191,19 @@ def test_a_law_ends_with_traces_of_its_own(resistive):
     assert ends[False].fit.ln_evidence == pytest.approx(ends[True].fit.ln_evidence, abs=0.05)
 
 
-def test_the_evidence_of_borrowed_traces_is_held_against_nothing_else(resistive):
-    """A point that a parent flatters is looked at again with traces of its own when the next one seems worse."""
+@pytest.mark.parametrize("promise", [0.1, 100.0])
+def test_the_evidence_of_borrowed_traces_is_held_against_nothing_else(resistive, promise):
+    """A point that a parent flatters is looked at again with traces of its own when the next one seems worse; one that
+    promised little is no end either: such a fit once asked for the same for ever."""
     c = candidate(resistive, "interface_resistance")
     model = resistive.base.model.with_effect("interface_resistance", c.off() | {"resistance": 1e-5})
     begun = Descent(resistive.problem, resistive.data, model, (c,), rough=False, parent=resistive.base)
     [once] = advance(resistive.problem, [begun])
     assert not once.best.own
-    flattered = replace(once, best=replace(once.best, ln_evidence=once.best.ln_evidence + 1e4))
+    best = replace(once.best, ln_evidence=once.best.ln_evidence + 1e4, fit=replace(once.best.fit, promise=promise))
+    flattered = replace(once, best=best)
     [again] = advance(resistive.problem, [flattered])
-    assert again.model is once.best.fit.model
+    assert again.model is best.fit.model
     assert (again.best, again.parent, again.back) == (None, None, 0)
     [end] = descend(resistive.problem, [again])
     assert end.fit.converged

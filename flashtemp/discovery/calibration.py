@@ -122,11 +122,11 @@ class Descent:
         value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
         last = self._comparable
         if last is not None and value < last.ln_evidence - WORSE:
+            if not last.own:
+                return self._anew(last.fit)
             near = self.trust < NEAR or last.fit.promise < KNOWN  # so near that what is lost is no loss
             noisy = replace(last.fit, noisy=near)
-            if noisy.converged:
-                return replace(self, fit=noisy)
-            return self.retreat(last.fit) if last.own else self._anew(last.fit)
+            return replace(self, fit=noisy, bent=True) if noisy.converged else self.retreat(last.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
         sizes = (
             self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in SHIFTS else 1.0)

@@ -149,18 +149,18 @@ def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> S
     """With full fits of groups of candidates added to the present best, from where their traces point."""
     descents, asked, stray = [], dict(search.asked), dragged(search.best)
     for group in groups:
-        model = search.best.model
-        if stray:
-            model = replace(search.problem.start, effects=model.effects)
+        names = frozenset({*search.best.model.effects, *(s.effect for s in group)})
+        if names in search.fits:
+            continue
+        model = replace(search.problem.start, effects=search.best.model.effects) if stray else search.best.model
         for s in group:
             values = by_runs(search.problem, search.data, search.best, s) if stray else inside(s)
             model = model.with_effect(s.effect, values)
         if len(group) == 1 and not stray:
             model = replace(model, free=_moved(search.problem, model.free, group[0].free))
-        if frozenset(model.effects) not in search.fits:
-            start = search.start(model, [*search.own, *(s.candidate for s in group)])
-            descents.append(start if stray else replace(start, parent=search.best))
-            asked[frozenset(model.effects)] = _gain(search, group)
+        start = search.start(model, [*search.own, *(s.candidate for s in group)])
+        descents.append(start if stray else replace(start, parent=search.best))
+        asked[names] = _gain(search, group)
     return _run(replace(search, asked=asked), descents, watch)
 
 

@@ -18,7 +18,7 @@ from flashtemp.discovery.orientation import Turned, turned_round, with_views
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem, strangers, without
-from flashtemp.discovery.rounds import FAR, Watch, descend
+from flashtemp.discovery.rounds import FAR, Watch, advance, descend
 from flashtemp.discovery.scores import Score
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import BadInput, SolverFailure
@@ -165,19 +165,12 @@ def _by_length(begun: Descent) -> Descent:
 def _other_length(end: Descent, watch: Watch) -> Descent:
     """The best point of a model from a block longer or shorter than told, where that has more evidence: an edge of an
     image may be held by the wrong end, and then no step leads away."""
-    problem, fit = end.problem, end.fit
-    assert fit is not None
+    problem = end.problem
     if problem.case["schedule.alone"]:
         return end
-    best = end
-    for share in (-LONGER, LONGER):
-        model = _longer(problem.start, share)
-        begun = Descent(problem, end.data, model).take(problem.predictions(problem.tasks(model, everything(problem))))
-        assert begun.fit is not None
-        if begun.fit.ln_evidence > fit.ln_evidence:
-            [other] = descend(problem, [begun], watch, HOPELESS)
-            best = max((best, other), key=_evidence)
-    return best
+    starts = [Descent(problem, end.data, _longer(problem.start, share)) for share in (-LONGER, LONGER)]
+    better = [d for d in advance(problem, starts) if _evidence(d) > _evidence(end)]
+    return max((end, *descend(problem, better, watch, HOPELESS)), key=_evidence)
 
 
 def _longer(model: Model, share: float) -> Model:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -88,66 +89,75 @@ def _last(block: Block, fit: Fit) -> tuple[Array, Array]:
     return left, np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
 
 
-def per_condition(problem: Problem, fit: Fit, parameter: ParameterId) -> tuple[OwnValue, ...]:
-    """A parameter of an effect as each condition alone would have it, the rest as all say."""
-    now, alone = fit.model.value(parameter), _alone(problem, fit, [parameter])
-    return tuple(OwnValue(words, now + s[parameter], s.sd(parameter)) for words, s in alone)
+@dataclass(frozen=True)
+class OwnSizes:
+    """What each condition would have of something that all share, with the `covariance` (n, n) of these values."""
+
+    conditions: tuple[OwnValue, ...]
+    covariance: Array
+
+    @property
+    def consistent(self) -> float:
+        """Probability of so much scatter between conditions if all had the same value."""
+        from scipy.stats import chi2
+
+        if len(self.conditions) < 2:
+            return 1.0
+        value, precision = np.array([c.value for c in self.conditions]), np.linalg.inv(self.covariance)
+        away = value - np.sum(precision @ value) / np.sum(precision)
+        return float(chi2.sf(away @ precision @ away, len(value) - 1))
 
 
-def size_per_condition(problem: Problem, fit: Fit, effect: str) -> tuple[OwnValue, ...]:
-    """How many times a law as found each condition alone would have it, all its nodes free there.
+def per_condition(problem: Problem, fit: Fit, parameter: ParameterId) -> OwnSizes:
+    """A parameter of an effect as each condition would have it, if it were one for each and all else shared."""
+    now, (words, split, own) = fit.model.value(parameter), _apart(problem, fit, [parameter])
+    return _own_sizes(words, [now + split[p] for [p] in own], _covariance(split, [p for [p] in own]))
+
+
+def size_per_condition(problem: Problem, fit: Fit, effect: str) -> OwnSizes:
+    """How many times a law as found each condition would have it, all its nodes free there.
 
     A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
     """
     nodes = [p for p in fit.fitted if p.effect == effect]
     if not nodes:  # all on their bounds
-        return ()
-    values = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
-    out = []
-    for words, solution in _alone(problem, fit, nodes):
-        at = [solution.names.index(p) for p in nodes]
-        precision = np.linalg.inv(solution.covariance[np.ix_(at, at)]) @ values
-        theirs = np.array([fit.model.value(p) + solution[p] for p in nodes])
-        known = float(values @ precision)
-        out.append(OwnValue(words, float(theirs @ precision) / known, known**-0.5))
-    return tuple(out)
+        return OwnSizes((), np.zeros((0, 0)))
+    found = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
+    words, split, own = _apart(problem, fit, nodes)
+    sizes, weights = [], np.zeros((len(own), len(own) * len(nodes)))
+    for k, names in enumerate(own):
+        precision = np.linalg.inv(_covariance(split, names)) @ found
+        weights[k, k * len(nodes) : (k + 1) * len(nodes)] = precision / (found @ precision)
+        theirs = [fit.model.value(p) + split[q] for p, q in zip(nodes, names, strict=True)]
+        sizes.append(float(precision @ theirs / (found @ precision)))
+    return _own_sizes(words, sizes, weights @ _covariance(split, [p for names in own for p in names]) @ weights.T)
 
 
-def _alone(problem: Problem, fit: Fit, own: Sequence[ParameterId]) -> Iterator[tuple[str, Solution]]:
-    """Every condition in words, with what its data alone make of some parameters, the rest as all say."""
-    shared = {
-        p: (float(d), 1e-3 * float(np.sqrt(v)))
-        for p, d, v in zip(fit.solution.names, fit.solution.d, np.diag(fit.solution.covariance), strict=True)
-        if p.everywhere and p not in own
-    }
-    priors = fit.priors | shared | {p: (0.0, 1e3 * fit.priors[p][1]) for p in own}
-    for number, condition in enumerate(problem.conditions):
-        equations = fit.system.total(_fitted_of(number))
-        if equations.count:
-            yield condition.words, fit.system.solve(priors, equations)
+def _apart(problem: Problem, fit: Fit, own: list[ParameterId]) -> tuple[list[str], Solution, list[list[ParameterId]]]:
+    """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
+    seen = {b.condition for b in fit.blocks if not b.held_out and {n for n, _ in b.names} & set(own)}
+    split = fit.system.split(own)
+    names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
+    loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}
+    shared = {p: v for p, v in fit.priors.items() if p not in own}
+    return [problem.conditions[n].words for n in sorted(seen)], split.solve(shared | loose), names
 
 
-def sizes_per_condition(problem: Problem, fit: Fit, effect: str) -> list[tuple[OwnValue, ...]]:
+def _covariance(solution: Solution, names: list[ParameterId]) -> Array:
+    at = [solution.names.index(p) for p in names]
+    return solution.covariance[np.ix_(at, at)]
+
+
+def _own_sizes(words: Sequence[str], values: Sequence[float], covariance: Array) -> OwnSizes:
+    errors = np.sqrt(np.diag(covariance)).tolist()
+    return OwnSizes(tuple(OwnValue(*own) for own in zip(words, values, errors, strict=True)), covariance)
+
+
+def sizes_per_condition(problem: Problem, fit: Fit, effect: str) -> list[OwnSizes]:
     """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
     if effect == NAME:
         return [size_per_condition(problem, fit, effect)]
     return [per_condition(problem, fit, p) for p in fit.fitted if p.effect == effect]
-
-
-def _fitted_of(number: int) -> Callable[[Block], bool]:
-    return lambda b: b.condition == number and not b.held_out
-
-
-def consistent(conditions: Sequence[OwnValue]) -> float:
-    """Probability of so much scatter between conditions if all had the same value."""
-    from scipy.stats import chi2
-
-    if len(conditions) < 2:
-        return 1.0
-    value, sd = np.array([c.value for c in conditions]), np.array([c.stderr for c in conditions])
-    weight = 1.0 / sd**2
-    mean = float(weight @ value / weight.sum())
-    return float(chi2.sf(np.sum(((value - mean) / sd) ** 2), len(value) - 1))
 
 
 def _statistics(left: Array) -> dict[str, float]:

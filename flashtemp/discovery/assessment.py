@@ -183,7 +183,7 @@ def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Ca
     score = next((s for ranking in search.ranking for s in ranking if s.effect == effect), None)
     own = [p for p in fit.solution.names if p.effect == effect]
     bound = sorted(p for p in fit.bound if p.effect == effect)
-    [conditions, *_] = adequacy.sizes_per_condition(search.problem, fit, effect) if own else [()]
+    sizes = adequacy.sizes_per_condition(search.problem, fit, effect)
     return Cause(
         effect=effect,
         words=search.problem.case.known[effect].cause,
@@ -194,8 +194,8 @@ def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Ca
         ln_bayes=fit.ln_evidence - without.ln_evidence,
         z=score.z if score else 0.0,
         raw_share=score.raw_share if score else 0.0,
-        per_condition=conditions,
-        consistent=adequacy.consistent(conditions),
+        per_condition=sizes[0].conditions if sizes else (),
+        consistent=sizes[0].consistent if sizes else 1.0,
     )
 
 
@@ -315,7 +315,7 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
     sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e)]
-    scatter = max((-np.log10(max(adequacy.consistent(c), 1e-99)) for c in sizes), default=0.0)
+    scatter = max((-np.log10(max(s.consistent, 1e-99)) for s in sizes), default=0.0)
     third = search.ranking[-1][0].ln_bayes if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
     return {
         "a third cause (ln Bayes factor)": (third, NAMED),

@@ -16,14 +16,15 @@ from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
 
-SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
+SHIFTED = 0.2  # of it counts for where and when an image is: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
 ONCE = 1  # step back in a row where a model misfits grossly
 CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
+FLAT = 30.0  # ln evidence that it may promise: of more, the little that traces are wrong by then is much
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
-VAIN = 0.25  # the same where the step before promised as little, was taken and did not gain it
+VAIN = 0.25  # ln evidence that a step gained which promised less than is KNOWN, as the next does: points at each other
 FEW = 6  # tries that are enough where a model misfits grossly
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
@@ -124,12 +125,14 @@ class Descent:
         if last is not None and value < last.ln_evidence - WORSE:
             if not last.own:
                 return self._anew(last.fit)
+            if not self.bent:  # the traces may be to blame, not the point
+                return replace(self, tried=self.tried + 1, bent=True)
             near = self.trust < NEAR or last.fit.promise < KNOWN  # so near that what is lost is no loss
             noisy = replace(last.fit, noisy=near)
             return replace(self, fit=noisy, bent=True) if noisy.converged else self.retreat(last.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
         sizes = (
-            self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in SHIFTS else 1.0)
+            self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in (*SHIFTS, *PLACED) else 1.0)
             for p, s in steps.items()
         )
         history = (*self.history, float(max(sizes, default=0.0)))
@@ -139,7 +142,7 @@ class Descent:
         )  # fmt: skip
         contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
         lent = self.parent if contracts and (self.rough or not fit.converged) else None
-        stays = self.rough and (self.bent or contracts) and history[-1] < CHORD
+        stays = self.rough and (self.bent or contracts) and history[-1] < CHORD and promise < FLAT
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value, self.parent is None), trust=LONGER * self.trust,
             back=0, tried=self.tried + 1, bent=not stays, parent=lent,
@@ -156,9 +159,9 @@ class Descent:
         return replace(self, model=best.model, best=None, tried=self.tried + 1, bent=True, parent=None, last=None)
 
     def _in_vain(self, value: float, promise: float) -> bool:
-        """Whether a small promise was kept by less than itself, and the next is as small."""
+        """Whether a small promise was not kept, and the next is as small."""
         last = self._comparable
-        return last is not None and max(last.fit.promise, promise) < VAIN > value - last.ln_evidence
+        return last is not None and max(last.fit.promise, promise) < KNOWN and value - last.ln_evidence < VAIN
 
     def retreat(self, best: Fit) -> Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""

@@ -130,6 +130,21 @@ class System:
         out.parts = [replace(p, equations=_moved(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
+    def split(self, own: Iterable[ParameterId]) -> System:
+        """The same products with some columns of all conditions one for each of them, named with its number."""
+        out, mine = copy(self), set(own)
+        out.blocks = [
+            replace(b, names=tuple((replace(n, condition=b.condition) if n in mine else n, c) for n, c in b.names))
+            for b in self.blocks
+        ]
+        out.names = list(dict.fromkeys(n for b in out.blocks for n, _ in b.names))
+        out.index = {n: i for i, n in enumerate(out.names)}
+        out.parts = [
+            replace(p, at=np.array([out.index[n] for n, _ in b.names], dtype=int))
+            for p, b in zip(self.parts, out.blocks, strict=True)
+        ]
+        return out
+
     def _products(self, block: Block) -> BlockEquations:
         C, F, k = block.C, block.F, block.C.shape[1]
         G = np.empty((k + F.shape[1],) * 2)

@@ -73,11 +73,12 @@ def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
 
 
 def settled(search: Search, watch: Watch) -> Search:
-    """The best model at its certificate, where a base that misfits was left rough."""
-    if search.best.converged:
+    """The best model at its certificate, where a base that misfits was left rough or new traces point elsewhere."""
+    best = search.best
+    if best.converged:
         return search
-    start = search.start(search.best.model, search.own, rough=False)
-    [end] = descend(search.problem, [start], watch, HOPELESS)
+    start = search.start(best.model, search.own, rough=not best.hopeless)
+    [end] = descend(search.problem, [start.linearised(best.system, best.predictions)], watch, HOPELESS)
     if end.fit is None:
         return replace(search, failed=end.failed or search.failed)
     return replace(search, best=end.fit, fits=search.fits | {frozenset(end.fit.model.effects): end.fit})
@@ -122,7 +123,7 @@ def _agrees(search: Search, fit: Fit) -> bool:
     """Whether what a further cause adds is the same in all conditions: if not, it mops up something else."""
     new = fit.model.effects.keys() - search.best.model.effects.keys()
     found = [s for e in new for s in adequacy.sizes_per_condition(search.problem, fit, e)]
-    return all(adequacy.consistent(f) > 10.0**-adequacy.SCATTERED for f in found)
+    return all(f.consistent > 10.0**-adequacy.SCATTERED for f in found)
 
 
 def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> list[Descent]:

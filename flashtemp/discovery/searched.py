@@ -202,7 +202,7 @@ def _strained(fit: Fit) -> bool:
 def traced(
     problem: Problem, data: Data, fit: Fit, watch: Watch, keys: tuple[ParameterId, ...] = ()
 ) -> Fit:  # fmt: skip
-    """A fit with the traces of all candidates, and of `keys` that are held, at its point.
+    """A fit as near to its best point as it was, with the traces of all candidates, and of `keys` that are held.
 
     Raises BadInput, SolverFailure.
     """
@@ -213,4 +213,4 @@ def traced(
     )
     found = descent.take(problem.predictions(descent.tasks())).fit
     assert found is not None  # a first step never goes back
-    return found
+    return replace(found, vain=fit.vain, noisy=fit.noisy)

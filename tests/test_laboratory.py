@@ -15,11 +15,11 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.discovery import discover, prediction
+from flashtemp.discovery import discover, prediction, searched
 from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
-from flashtemp.discovery.linear_gaussian import Block
+from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.orientation import mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem, _misfit, prepare
@@ -212,14 +212,20 @@ class Curve:
         return [Block("a", 0, False, r, slope, ((p, 0),), np.zeros((1, 0)), np.zeros((0, 0)))]
 
 
-def descended(curve, tmp_path, start):
+def descent(curve, tmp_path, start, rough=False):
     (tmp_path / "case.toml").write_text("")
     case = load(tmp_path / "case.toml")
     [offset] = candidates(case, ("camera_offset",))[0]
     offset = replace(offset, strengths={"offset": 1.0})
     nothing = SimpleNamespace(views=(), free=(), priors={})
     problem = Problem(nothing, (), (), (), {}, lambda tasks: [], case)
-    now = Descent(problem, curve, Model({}, {"camera_offset": {"offset": start, "drift": 0.0}}), (offset,), rough=False)
+    return Descent(
+        problem, curve, Model({}, {"camera_offset": {"offset": start, "drift": 0.0}}), (offset,), rough=rough
+    )
+
+
+def descended(curve, tmp_path, start):
+    now = descent(curve, tmp_path, start)
     while not now.done:
         now = now.take([SimpleNamespace(model=now.model, bare=None)])
     return now
@@ -448,6 +454,31 @@ def test_a_loss_at_a_point_that_is_as_good_as_the_same_is_numerics(tmp_path, pro
     assert end.fit.noisy is ends
     assert end.fit.converged is ends
     assert end.fit.model.effects["camera_offset"]["offset"] == 1.0
+
+
+def test_a_loss_seen_with_old_traces_is_looked_at_again_with_new_ones(tmp_path):
+    """Traces that stayed as they were may be to blame for it: only a loss with its own leads back."""
+    begun = descent(Curve(), tmp_path, 0.6, rough=True)
+    first = begun.take([SimpleNamespace(model=begun.model, bare=None)])
+    assert first.bent  # 20000 nats are promised: too much for traces of another point
+    worse = System([replace(first.fit.blocks[0], r=2.0 * first.fit.blocks[0].r)])
+    again = replace(first, bent=False).linearised(worse, ())
+    assert (again.model, again.fit, again.bent, again.back) == (first.model, first.fit, True, 0)
+    assert again.tried == first.tried + 1
+    back = first.linearised(worse, ())
+    assert back.back == 1
+    assert back.model != first.model
+
+
+def test_a_fit_that_is_traced_is_as_near_to_its_best_point_as_it_was(monkeypatch):
+    """Columns of candidates more do not undo what was found of its end."""
+    left = Fit(Model({}), (), None, None, {}, 1.0, (0.5,), promise=0.9)
+    took = SimpleNamespace(fit=left)
+    monkeypatch.setattr(searched, "Descent", lambda *a: SimpleNamespace(take=lambda p: took, tasks=list))
+    monkeypatch.setattr(searched, "held", lambda problem, model: [])
+    problem = SimpleNamespace(tried=(), predictions=lambda tasks: [])
+    assert not searched.traced(problem, None, left, print).converged
+    assert searched.traced(problem, None, replace(left, vain=True), print).converged
 
 
 def test_what_comes_to_no_end_is_judged_by_the_base_that_leaves_something_over(monkeypatch):

@@ -481,6 +481,23 @@ def test_a_fit_that_is_traced_is_as_near_to_its_best_point_as_it_was(monkeypatch
     assert searched.traced(problem, None, replace(left, vain=True), print).converged
 
 
+@pytest.mark.parametrize(("promise", "ends"), [(2.0, True), (8.0, False)])
+def test_a_loss_after_which_a_shorter_step_gains_nothing_is_numerics(tmp_path, promise, ends):
+    """Full steps lose, shorter ones neither lose nor gain: a valley that numerics roughen is followed no further."""
+
+    class Rough(Curve):
+        def blocks(self, predictions):
+            [block] = super().blocks(predictions)
+            grain = np.sqrt(6.0) if len(self.asked) == 2 else 0.0
+            r, C = np.array([np.sqrt(2.0 * promise), grain]), np.array([[10.0], [0.0]])
+            return [replace(block, r=r, C=C, F=np.zeros((2, 0)))]
+
+    curve = Rough()
+    end = descended(curve, tmp_path, 1.0)
+    assert (len(curve.asked) == 3) is ends
+    assert end.fit.converged is ends
+
+
 def test_what_comes_to_no_end_is_judged_by_the_base_that_leaves_something_over(monkeypatch):
     """An effect's fit wanders on, and the base's own gates are open for sure: unexplained, not without verdict."""
     base, wandering = (SimpleNamespace(converged=c, model=Model({}, e)) for c, e in ((True, {}), (False, {"a": {}})))

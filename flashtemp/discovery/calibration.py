@@ -138,7 +138,7 @@ class Descent:
         history = (*self.history, float(max(sizes, default=0.0)))
         fit = Fit(
             self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise,
-            self._in_vain(value, promise),
+            self._in_vain(value, promise), self._only_numerics(value),
         )  # fmt: skip
         contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
         lent = self.parent if contracts and (self.rough or not fit.converged) else None
@@ -162,6 +162,10 @@ class Descent:
         """Whether a small promise was not kept, and the next is as small."""
         last = self._comparable
         return last is not None and max(last.fit.promise, promise) < KNOWN and value - last.ln_evidence < VAIN
+
+    def _only_numerics(self, value: float) -> bool:
+        """Whether a step lost, and the shorter one after it gained nothing either."""
+        return self.back > 0 and self.best is not None and value - self.best.ln_evidence < VAIN
 
     def retreat(self, best: Fit) -> Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""

@@ -135,7 +135,7 @@ def size_per_condition(problem: Problem, fit: Fit, effect: str) -> OwnSizes:
 
 def _apart(problem: Problem, fit: Fit, own: list[ParameterId]) -> tuple[list[str], Solution, list[list[ParameterId]]]:
     """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
-    seen = {b.condition for b in fit.blocks if not b.held_out and {n for n, _ in b.names} & set(own)}
+    seen = {b.condition for b in fit.blocks if not b.held_out and {n for n, _ in b.names} >= set(own)}
     split = fit.system.split(own)
     names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
     loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}

@@ -16,7 +16,7 @@ from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scales import Scaled, solved
 from flashtemp.discovery.whitening import Data
 
-SHIFTED = 0.2  # of it counts for where and when an image is: 0.05 of what is known of it moves no pixel's value
+SHIFTED = 0.2  # of it counts for the place of an image: 0.05 of what is known of it moves no pixel's value
 TRIES = 12
 LONGEST = 1.5  # step, in prior standard deviations
 BACK, WORSE, TIGHT = 3, 2.0, 1e-6  # steps back in a row, the loss that asks for one, and what stands still
@@ -24,11 +24,12 @@ ONCE = 1  # step back in a row where a model misfits grossly
 CHORD, CONTRACTS = 0.3, 0.5  # step after which traces stay as they are, and how much shorter the next must then be
 FLAT = 30.0  # ln evidence that it may promise: of more, the little that traces are wrong by then is much
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
-VAIN = 0.25  # ln evidence that a step gained which promised less than is KNOWN, as the next does: points at each other
+VAIN = 0.25  # ln evidence: what gains less was in vain, where it promised little or where a longer step lost
 FEW = 6  # tries that are enough where a model misfits grossly
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
+BENDS_LITTLE = (*SHIFTS, Kind.CLOCK)  # traces of images and of what warms slowly stay, as far as they go at a time
 # what moves the last of a hundred pixels by a tenth of itself, or road by less than a pixel, is linear
 FAINT = {Kind.SCALE: 1e-3, Kind.TURN: 1e-3, Kind.CLOCK: 5e-3, Kind.SIZE: 2e-3}  # relative, rad, s, relative
 
@@ -131,18 +132,17 @@ class Descent:
             noisy = replace(last.fit, noisy=near)
             return replace(self, fit=noisy, bent=True) if noisy.converged else self.retreat(last.fit)
         promise = 0.5 * (chi2 - found.solution.chi2)
-        sizes = (
-            self._size(p, s, found.priors, self.model) * (SHIFTED if p.kind in (*SHIFTS, *PLACED) else 1.0)
-            for p, s in steps.items()
-        )
-        history = (*self.history, float(max(sizes, default=0.0)))
+        sizes = {p: self._size(p, s, found.priors, self.model) for p, s in steps.items()}
+        history = (*self.history, _longest(sizes, SHIFTS))
+        gained = np.inf if last is None else value - last.ln_evidence
         fit = Fit(
             self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise,
-            self._in_vain(value, promise), self._only_numerics(value),
+            vain=gained < VAIN and max(last.fit.promise if last else np.inf, promise) < KNOWN,
+            noisy=gained < VAIN and self.back > 0,
         )  # fmt: skip
         contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
         lent = self.parent if contracts and (self.rough or not fit.converged) else None
-        stays = self.rough and (self.bent or contracts) and history[-1] < CHORD and promise < FLAT
+        stays = self.rough and (self.bent or contracts) and _longest(sizes, BENDS_LITTLE) < CHORD and promise < FLAT
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value, self.parent is None), trust=LONGER * self.trust,
             back=0, tried=self.tried + 1, bent=not stays, parent=lent,
@@ -157,15 +157,6 @@ class Descent:
     def _anew(self, best: Fit) -> Descent:
         """Back to the best point with traces of its own: with those of a parent it may look better than it is."""
         return replace(self, model=best.model, best=None, tried=self.tried + 1, bent=True, parent=None, last=None)
-
-    def _in_vain(self, value: float, promise: float) -> bool:
-        """Whether a small promise was not kept, and the next is as small."""
-        last = self._comparable
-        return last is not None and max(last.fit.promise, promise) < KNOWN and value - last.ln_evidence < VAIN
-
-    def _only_numerics(self, value: float) -> bool:
-        """Whether a step lost, and the shorter one after it gained nothing either."""
-        return self.back > 0 and self.best is not None and value - self.best.ln_evidence < VAIN
 
     def retreat(self, best: Fit) -> Descent:
         """Back to the best point, and on from there by a shorter step than the one that lost."""
@@ -301,6 +292,11 @@ class Descent:
         """Whether a parameter that lies on its bound would be pushed beyond."""
         value = self.model.value(p)
         return value == self._bounded(p, value) and self._bounded(p, value + step) == value and step != 0.0
+
+
+def _longest(sizes: dict[ParameterId, float], lightly: tuple[Kind, ...]) -> float:
+    """The longest of steps, some kinds of which count `lightly`."""
+    return float(max((size * (SHIFTED if p.kind in lightly else 1.0) for p, size in sizes.items()), default=0.0))
 
 
 def _standing(system: System, priors: Priors, moving: list[ParameterId]) -> tuple[float, float]:

@@ -28,7 +28,8 @@ class Fit:
     `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
     `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
     was taken and did not gain it: where rims of an image come and go, two points point at each other.  `noisy`: points
-    as near as numerics can tell apart have less evidence, by more than it promises.
+    as near as numerics can tell apart have less evidence, by more than it promises, or a step lost and a shorter one
+    gained nothing.
     """
 
     model: Model

@@ -119,8 +119,8 @@ class System:
 
     def __init__(self, blocks: Iterable[Block]):
         self.blocks = list(blocks)
-        self.names: list[ParameterId] = list(dict.fromkeys(n for b in self.blocks for n, _ in b.names))
-        self.index = {n: i for i, n in enumerate(self.names)}
+        self.index = _numbered(self.blocks)
+        self.names = list(self.index)
         self.parts = [self._products(b) for b in self.blocks]
 
     def shown(self, residuals: Mapping[str, Array]) -> System:
@@ -137,12 +137,9 @@ class System:
             replace(b, names=tuple((replace(n, condition=b.condition) if n in mine else n, c) for n, c in b.names))
             for b in self.blocks
         ]
-        out.names = list(dict.fromkeys(n for b in out.blocks for n, _ in b.names))
-        out.index = {n: i for i, n in enumerate(out.names)}
-        out.parts = [
-            replace(p, at=np.array([out.index[n] for n, _ in b.names], dtype=int))
-            for p, b in zip(self.parts, out.blocks, strict=True)
-        ]
+        out.index = _numbered(out.blocks)
+        out.names = list(out.index)
+        out.parts = [replace(p, at=out._at(b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
     def _products(self, block: Block) -> BlockEquations:
@@ -151,9 +148,13 @@ class System:
         G[:k, :k], G[k:, k:] = products(C, C), block.FF
         G[k:, :k] = products(F, C)
         G[:k, k:] = G[k:, :k].T
-        at = np.array([self.index[n] for n, _ in block.names], dtype=int)
         col = np.array([c for _, c in block.names], dtype=int)
-        return BlockEquations(at, _moved(NormalEquations(G[np.ix_(col, col)], np.empty(0), 0.0, block.count), block))
+        return BlockEquations(
+            self._at(block), _moved(NormalEquations(G[np.ix_(col, col)], np.empty(0), 0.0, block.count), block)
+        )
+
+    def _at(self, block: Block) -> npt.NDArray[np.int64]:
+        return np.array([self.index[n] for n, _ in block.names], dtype=int)
 
     def total(self, keep: Callable[[Block], bool] | None = None) -> NormalEquations:
         """Those of the blocks for which keep(block) holds, of those fitted by default."""
@@ -218,6 +219,11 @@ class System:
         raw = N[np.ix_(own, own)]
         u = b[own] - solved.T @ (sd * b[at] + mean / sd)
         return Projection(u, raw - cross.T @ solved, np.diag(raw))
+
+
+def _numbered(blocks: Iterable[Block]) -> dict[ParameterId, int]:
+    """All columns that blocks know, in the order in which they name them."""
+    return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
 
 
 class _Whole(NamedTuple):

@@ -46,7 +46,7 @@ def _loosened(search: Search, error: LabError, watch: Watch) -> Search:
     search = replace(search, base=fits[frozenset()], best=fits[frozenset(search.best.model.effects)])
     if search.best.converged:
         return search
-    [end] = descend(problem, [search.start(search.best.model, search.own)], watch)
+    [end] = descend(problem, [search.onward()], watch)
     if end.fit is None:
         return replace(search, failed=end.failed)
     best = traced(problem, data, end.fit, watch)

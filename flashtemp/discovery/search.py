@@ -74,11 +74,9 @@ def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
 
 def settled(search: Search, watch: Watch) -> Search:
     """The best model at its certificate, where a base that misfits was left rough or new traces point elsewhere."""
-    best = search.best
-    if best.converged:
+    if search.best.converged:
         return search
-    start = search.start(best.model, search.own, rough=not best.hopeless)
-    [end] = descend(search.problem, [start.linearised(best.system, best.predictions)], watch, HOPELESS)
+    [end] = descend(search.problem, [search.onward(rough=not search.best.hopeless)], watch, HOPELESS)
     if end.fit is None:
         return replace(search, failed=end.failed or search.failed)
     return replace(search, best=end.fit, fits=search.fits | {frozenset(end.fit.model.effects): end.fit})

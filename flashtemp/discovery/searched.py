@@ -103,6 +103,10 @@ class Search:
     def start(self, model: Model, effects: Sequence[Candidate], rough: bool = True) -> Descent:
         return Descent(self.problem, self.data, model, tuple(effects), rough=rough)
 
+    def onward(self, rough: bool = True) -> Descent:
+        """The present best on its way, from where it stands with the traces that are there."""
+        return self.start(self.best.model, self.own, rough).linearised(self.best.system, self.best.predictions)
+
 
 def held(problem: Problem, model: Model) -> list[Candidate]:
     """Candidates that a model holds."""

@@ -26,6 +26,7 @@ import numpy as np
 import run_in
 import slide2d
 import slide3d
+import spots
 import theory
 from common import Row, table
 
@@ -70,6 +71,7 @@ SMALL: dict[str, Callable[[], list[Row]]] = {
     "theory": theories,
     "slide3d": slide3d.small,
     "closure": closure.small,
+    "spots": spots.small,
     "discover, independent, learned_laws": blind,
 }
 

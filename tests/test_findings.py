@@ -657,6 +657,15 @@ def test_every_verdict_is_said_in_words(kind, said):
         assert "(radiation)" in first
 
 
+@pytest.mark.parametrize(("chance", "doubted"), [(4e-4, True), (0.3, False)])
+def test_a_law_on_which_conditions_hardly_agree_is_named_with_its_doubt(chance, doubted):
+    made = replace(verdict("named"), causes=(replace(CAUSE, consistent=chance),))
+    told = [line for line in wording.says(made, catalogue()) if "its law is not" in line]
+    assert len(told) == doubted
+    for own in CAUSE.per_condition if doubted else ():
+        assert f"{own.value:.4g} +- {own.stderr:.2g}" in told[0]
+
+
 @pytest.mark.long
 def test_what_to_look_at_again_is_listed_and_no_verdict_keeps_what_it_knows():
     checks = (

@@ -14,6 +14,7 @@ from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
 from flashtemp.physics.effect import Effect
 
 MOST = 3  # of each kind in the text
+DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
@@ -131,7 +132,8 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
         return found
     if v.kind == "named":
         against = "against the model without it."
-        return [*found, *(f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} {against}" for c in causes)]
+        told = [[f"{_sentence(c)} ln Bayes factor {c.ln_bayes:.0f} {against}", *_doubt(c)] for c in causes]
+        return [*found, *(line for lines in told for line in lines)]
     if v.kind == "learned" and v.law is not None:
         return [*found, *_law(v.law, causes[0].ln_bayes)]
     if v.kind == "weak":
@@ -230,6 +232,19 @@ def _sentence(c: Cause) -> str:
         line = f"An error of the laboratory, put right here: {c.words}"
         return f"{line}{f' ({size})' if size else ''}; ln Bayes factor {c.ln_bayes:.0f}."
     return f"Cause: {c.words}; {numbers}."
+
+
+def _doubt(c: Cause) -> list[str]:
+    """That its law need not be the one of its name, where conditions would have it rather different in strength."""
+    if c.consistent >= DOUBTED or not c.parameters:
+        return []
+    unit = "" if c.parameters[0].unit == "1" else f" {c.parameters[0].unit}"
+    wanted = "; ".join(f"{own.value:.4g} +- {own.stderr:.2g}{unit} ({own.condition})" for own in c.per_condition)
+    return [
+        f"How it grows with what differs between the conditions is in doubt: each alone would have "
+        f"{c.parameters[0].name} = {wanted}; by chance so with a probability of {c.consistent:.1g}. What is missing is "
+        f"sure, its law is not: measure a condition in between, or beyond."
+    ]
 
 
 def not_settled(names: frozenset[str], gain: float) -> str:

@@ -1,0 +1,93 @@
+"""Resolved spots: what time steps cost and what error they leave, with the road in its own frame and on fixed cells.
+
+    python benchmarks/spots.py
+
+One disc of 3 mm fixed to the road slides by six diameters under the block, 6 cells per diameter; its mean rise against
+a program that shares no solver (tests/test_road_frame.py).  Lines that are not quite even keep the cells of road fixed.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from common import Row, table
+
+from flashtemp.model.numerics import Settings, choose
+from flashtemp.physics.effect import Term
+from flashtemp.physics.effects.resolved_spots import STEPS, ResolvedSpots
+from flashtemp.solver.march import march
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+CELLS = 6  # per diameter
+UNEVEN = 1e-4  # of a cell, by which the first line of fixed cells is moved
+LOOSE, TIGHT = 1e-2, 1e-4  # relative tolerances
+STATED = {"own frame": 0.6, "fixed cells": 8.0}  # % of the rise
+
+
+class Paced(ResolvedSpots):
+    """Resolved spots whose steps are at most D/(steps v)."""
+
+    def __init__(self, steps: float) -> None:
+        self.steps = steps
+
+    def heat(self, scene, p):
+        """What they heat, at another pace."""
+        yield from (term for term in super().heat(scene, p) if term.target != "march.rate")
+        yield Term("march.rate", lambda T, now, p: self.steps * p.weight * now.speed / scene.spot_diameter)
+
+
+def scene(frame: str, steps: float):
+    """One disc between block and road, followed by so many steps a diameter at least."""
+    import conftest as lab
+    from test_road_frame import one_disc
+
+    made = one_disc(lab, CELLS)
+    acting = tuple(replace(a, effect=Paced(steps)) if isinstance(a.effect, ResolvedSpots) else a for a in made.acting)
+    x = made.mesh.x.copy()
+    if frame != "own frame":
+        x[0] -= UNEVEN * (x[1] - x[0])
+    return replace(made, acting=acting, mesh=replace(made.mesh, x=x))
+
+
+@cache
+def compiled() -> None:
+    """Compile what all rows use."""
+    for frame in STATED:
+        march(scene(frame, STEPS), Settings(choose(None), LOOSE, profiles=4))
+
+
+def row(frame: str, steps: float, rtol: float) -> Row:
+    """Its number of steps stands in the name."""
+    from test_road_frame import WAVES, mean_rise
+
+    made, settings = scene(frame, steps), Settings(choose(None), rtol, profiles=4)
+    compiled()
+    began = time.process_time()
+    run = march(made, settings)
+    seconds = time.process_time() - began
+    error = 100.0 * abs(mean_rise(run) / WAVES - 1.0)
+    limit = f"D/{steps:g}v" if steps else "no limit"
+    name = f"{frame}, rtol {rtol:g}, {limit}: {run.statistics['steps']} steps"
+    return Row(name, made.mesh.n_cells, error, STATED[frame], seconds)
+
+
+def small() -> list[Row]:
+    """Both frames as shipped, at a loose tolerance."""
+    return [row(frame, STEPS, LOOSE) for frame in STATED]
+
+
+def rows() -> list[Row]:
+    """The road in its own frame with other limits too; fixed cells at a loose tolerance without one end in nonsense."""
+    limits = {"own frame": (4.0 * STEPS, STEPS, 0.0), "fixed cells": (4.0 * STEPS, STEPS)}
+    rtols = [float(r) for r in np.geomspace(LOOSE, TIGHT, 3)]
+    return [row(frame, steps, rtol) for frame in STATED for rtol in rtols for steps in limits[frame]]
+
+
+if __name__ == "__main__":
+    raise SystemExit(table(rows()))

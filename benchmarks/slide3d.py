@@ -3,6 +3,8 @@
     python benchmarks/slide3d.py                    1.0e6 cells, both bindings
     python benchmarks/slide3d.py --sizes            cost from 1e4 to 4e6 cells
     python benchmarks/slide3d.py --memory           peak memory per cell at 1.0e6 cells
+    python benchmarks/slide3d.py --large            1.0e7 cells: time and memory
+    python benchmarks/slide3d.py --cores            runs of 1.0e6 cells side by side, one a core
     python benchmarks/slide3d.py --parts            where the time goes at 1.0e6 cells
     python benchmarks/slide3d.py --bandwidth        what memory allows
     python benchmarks/slide3d.py --reference        make tests/data/slide3d_reference.json anew (some minutes)
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -131,10 +134,51 @@ def peak(binding: str) -> float:
     return 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / run.mesh.n_cells
 
 
+def fresh(processes: int = 1) -> ProcessPoolExecutor:
+    """Processes that have nothing in memory yet."""
+    return ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+
+
 def memory() -> None:
     for binding in available():
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
-            print(f"{binding:15s} {fresh.submit(peak, binding).result():.0f} B per cell", flush=True)
+        with fresh() as pool:
+            print(f"{binding:15s} {pool.submit(peak, binding).result():.0f} B per cell", flush=True)
+
+
+LARGE = 2.17  # mesh level of 1.0e7 cells
+
+
+def once(level: float, binding: str) -> tuple[int, int, float, float, float]:
+    """Cells, steps, CPU and wall seconds, and peak memory (GB) of a process that runs nothing else."""
+    go(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
+    began = time.perf_counter()
+    run, seconds = go(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
+    wall, most = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return run.mesh.n_cells, run.statistics["steps"], seconds, wall, most
+
+
+def large() -> None:
+    for binding in available():
+        with fresh() as pool:
+            cells, steps, seconds, wall, most = pool.submit(once, LARGE, binding).result()
+        print(
+            f"{binding:15s} {cells:9d} cells {steps:4d} steps {seconds:7.1f} s of CPU, {wall:.1f} s, {most:.2f} GB; "
+            f"{1e6 * seconds / cells / steps:.4f} us per cell and step",
+            flush=True,
+        )
+
+
+def cores() -> None:
+    """As many runs as there are cores, each in its own process: how much of a core each still has."""
+    for binding in available():
+        alone = 0.0
+        for count in range(1, (os.cpu_count() or 1) + 1):
+            with fresh(count) as pool:
+                wall = max(w for *_, w, _ in pool.map(once, [1.0] * count, [binding] * count))
+            alone = alone or wall
+            print(
+                f"{binding:15s} {count:3d} at once: {wall:6.2f} s, {wall / alone:.2f} times as long as one", flush=True
+            )
 
 
 def parts() -> None:
@@ -212,7 +256,7 @@ def bandwidth() -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("sizes", "memory", "parts", "bandwidth", "reference"):
+    for name in ("sizes", "memory", "large", "cores", "parts", "bandwidth", "reference"):
         parser.add_argument(f"--{name}", action="store_true")
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
@@ -222,6 +266,10 @@ def main() -> int:
         sizes()
     elif options.memory:
         memory()
+    elif options.large:
+        large()
+    elif options.cores:
+        cores()
     elif options.parts:
         parts()
     elif options.bandwidth:

@@ -94,10 +94,13 @@ class Nearest:
 
     def __call__(self, pixels: np.ndarray) -> np.ndarray:
         """Numbers (height, width) of pixels (height, width, 3)."""
-        code = pixels.astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32)
-        new = np.unique(code[self.number[code] < 0])
-        self.number[new] = self.tree.query(np.stack([new >> 16, new >> 8 & 255, new & 255], axis=-1))[1]
-        return self.number[code].astype(np.uint8)
+        red, green, blue = (pixels[..., k].astype(np.int32) for k in range(3))
+        code = red << 16 | green << 8 | blue
+        found = self.number[code]
+        if len(new := np.unique(code[found < 0])):
+            self.number[new] = self.tree.query(np.stack([new >> 16, new >> 8 & 255, new & 255], axis=-1))[1]
+            found = self.number[code]
+        return found.astype(np.uint8)
 
 
 def _mp4(path: Path, pictures, ms: list[int]) -> None:

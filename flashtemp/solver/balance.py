@@ -44,8 +44,8 @@ class Balance:
             below = mesh.block[:, cells.stop - 1]
             self.gap[below] = layer.contact_resistance / mesh.width[below]
         self.gx, self.gz = np.empty_like(self.half_x), np.empty_like(self.half_x)
-        self.ones = np.ones(self.n)
-        one = self.ones[: mesh.n_plane]
+        one = np.ones(mesh.n_plane)
+        self.ones = one if mesh.n_across == 1 else np.broadcast_to(1.0, self.n)  # of many planes it holds no memory
         halves = self.half_x, self.half_z, self.gap
         kernels_2d.face_conductances(mesh.start, mesh.n_road, *halves, one, self.gx, self.gz)
         self.road_frame = RoadFrame.of(scene, self.laws)

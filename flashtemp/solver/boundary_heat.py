@@ -69,7 +69,7 @@ class BoundaryHeat:
         )
         for s in films.passing:
             self._book(s, films.each[s], total[s], surface[s], led)
-        for to, cells, heat in self._general(now, T + self.scene.ambient, kf):
+        for to, cells, heat in self._general(now, T, kf):
             q[cells] += heat
             led[to] += heat.sum()
 
@@ -81,7 +81,7 @@ class BoundaryHeat:
             cells = self.cell[at]
             slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
             out += [(to, cells, share * slope) for to, share in self._shares(s, films.each[s])]
-        for to, cells, heat in self._general(now, T + self.scene.ambient + 1j * STEP, kf):
+        for to, cells, heat in self._general(now, T, kf, 1j * STEP):
             slope = np.imag(heat) / STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
                 out.append((to, cells.ravel(), slope.ravel()))
@@ -157,9 +157,11 @@ class BoundaryHeat:
         total = sum(h for _, h in passing)
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
-    def _general(self, now, T, kf):
-        """(ledger, cells, heat in W/m per cell) of every patch and zone law at T (K)."""
-        mesh = self.scene.mesh
+    def _general(self, now, rise, kf, step: complex = 0.0):
+        """(ledger, cells, heat in W/m per cell) of patch and zone laws at a `rise` (cells,) K, a `step` above it."""
+        if not self.local:
+            return
+        mesh, T = self.scene.mesh, rise + (self.scene.ambient + step)
         for site, entries in self.patched.items():
             cell, area, _ = mesh.patches[site]
             surface, share, at = self._surface(site, now, T, kf)

@@ -213,7 +213,7 @@ class Slab(Plane):
         diagonal = slopes.diagonal()
         own = np.bincount(diagonal[0] // n, diagonal[1], mesh.n_plane)
         up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.across()))
-        kf, stretch = (a if (a != 1.0).any() else b.ones for a in (kf, stretch))  # what is off leaves no trace
+        kf, stretch = (a if a is not b.ones and (a != 1.0).any() else b.ones for a in (kf, stretch))  # off: no trace
         even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
         gx, gz = super().conductances(mean)
@@ -256,5 +256,6 @@ class LinearisedSlab(LinearisedPlane):
         if self.stretch is not b.ones:
             kept = (lines.weight * b.capacity) @ (mesh.planes(z * self.stretch) @ mesh.share)
         cells, weights = self.arrives
-        missing = given - kept + self.gamma * (weights @ z[cells])
+        come = (weights * z[cells]).sum()  # no dot product: BLAS would wake threads, which then wait busily
+        missing = given - kept + self.gamma * come
         kernels_3d.lift(lines.start, lines.m, missing / self.holds, planes)

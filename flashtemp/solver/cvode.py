@@ -89,7 +89,7 @@ class Integrator:
         self._start(t, y, stop)
 
     def step(self) -> tuple[float, np.ndarray]:
-        """One internal step; returns (t, y).  SolverFailure carries CVODE's own reason."""
+        """One internal step; returns (t, y), y its own array.  SolverFailure carries CVODE's own reason."""
         try:
             t, y, reason = self._advance()
         except Exception as error:
@@ -154,14 +154,14 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
             return 0.0, None, f"CVODE: {out.message or out.flag.name}"
         if out.values.t >= box["stop"]:
             return box["stop"], interpolate(box["stop"]), ""
-        return float(out.values.t), np.array(out.values.y), ""
+        return float(out.values.t), out.values.y, ""
 
     def interpolate(t):
         solver = box["solver"]
         solver.set_options(one_step_compute=False)
         out = solver.step(t)
         solver.set_options(one_step_compute=True)
-        return np.array(out.values.y)
+        return out.values.y
 
     return start, advance, interpolate
 
@@ -198,9 +198,9 @@ def _sundae(rate, times, setup, solve, tol: Tolerance):
         out = box["solver"].step(box["stop"], method="onestep", tstop=box["stop"])
         if not out.success:
             return 0.0, None, f"CVODE: {out.message}"
-        return float(out.t), np.array(out.y), ""
+        return float(out.t), out.y, ""
 
     def interpolate(t):
-        return np.array(box["solver"].step(t, method="normal", tstop=box["stop"]).y)
+        return box["solver"].step(t, method="normal", tstop=box["stop"]).y
 
     return start, advance, interpolate

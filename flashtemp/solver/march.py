@@ -59,17 +59,11 @@ def march(
     while now.phase < len(phases):
         phase = phases[now.phase]
         if not resumed and now.phase > 0 and renews(phases[now.phase - 1], phase):
-            old = now.y
-            renew(balance, phases[now.phase - 1], phase, now)
-            if beside is not None:
-                beside.renew(phases[now.phase - 1], phase, old)
+            _renew(balance, phases[now.phase - 1], phase, now, beside)
         due = record_times(phase, scene.schedule, settings)
         for system in _legs(balance, phase, now, resumed):
-            old = now.y
             if not resumed and system.leg > at:
-                pass_on(system, now)
-                if beside is not None:
-                    beside.pass_on(system.phase, system.leg, old)
+                _pass_on(system, now, beside)
             at = system.leg
             path: Path | None = [] if beside is not None else None
             _stretch(system, settings, now, due, resumed, stop, path)
@@ -101,6 +95,22 @@ def _legs(balance: Balance, phase, now: Progress, resumed: bool) -> list[System]
         return [System(balance, phase, flow)]
     legs = frame.legs(balance.scene.schedule, phase)
     return [System(balance, part, flow, leg) for leg, part in legs if not (resumed and part.end < now.t)]
+
+
+def _renew(balance: Balance, before, phase, now: Progress, beside) -> None:
+    """A new repetition begins, or the block turns; `beside` is told out of what state."""
+    old = now.y
+    renew(balance, before, phase, now)
+    if beside is not None:
+        beside.renew(before, phase, old)
+
+
+def _pass_on(system: System, now: Progress, beside) -> None:
+    """The road in its own frame is put back on the mesh; `beside` is told out of what state."""
+    old = now.y
+    pass_on(system, now)
+    if beside is not None:
+        beside.pass_on(system.phase, system.leg, old)
 
 
 def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: Callable[[], bool], path) -> None:

@@ -76,10 +76,10 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         row["T_spot"] = mesh.across(weight * profiles["T_spot"]) / mesh.across(weight)
         profiles["cover"] = cover
     if frame:
-        kept = {"cells": _cells(system, moment, contact, shown, entering)}
+        kept = {"cells": _cells(system, moment, contact, shown, entering, precision)}
         if mesh.n_across > 1:
             kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
-        now.frames.append({name: a.astype(precision) for name, a in kept.items()})
+        now.frames.append({name: a.astype(precision, copy=False) for name, a in kept.items()})
         row["frames"] = len(now.records.get("time", []))
     now.records.setdefault("ledger", list(energy))
     for name, value in row.items():
@@ -134,14 +134,19 @@ def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
     return ledger | {"block": block, "lanes": road, "share": b.share}
 
 
-def _cells(system: System, moment, contact: Contact, T, entering) -> np.ndarray:
+def _cells(system: System, moment, contact: Contact, T, entering, precision: type) -> np.ndarray:
     """Temperatures (cells,) in degC, those of the road as lane means."""
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
-    fresh = entering.reshape(mesh.n_road, -1)
-    cells, excess = T + C0, mesh.planes(T)[mesh.road] - fresh
-    fallen = system.interface.loss_at_depth(contact.state, moment) @ excess
+    cells = np.add(T, C0, out=np.empty(len(T), precision), casting="same_kind")  # no second whole field beside it
+    fresh, road = entering.reshape(mesh.n_road, -1), mesh.planes(T)[mesh.road]
+    road -= fresh
+    fallen = system.interface.loss_at_depth(contact.state, moment) @ road
     lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
-    mesh.planes(cells)[mesh.road] = C0 + fresh + lane * (excess - fall * fallen)
+    fallen *= fall
+    road -= fallen
+    road *= lane
+    road += C0 + fresh
+    mesh.planes(cells)[mesh.road] = road
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 
 

@@ -7,6 +7,7 @@ turns the mean back with the emissivity and the reflected temperature it was tol
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -75,13 +76,18 @@ def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray,
     The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in that
     number: what is linear between the new nodes is far closer to the field.
     """
-    n = len(nodes) - 2
-    if n < 2:
+    if len(nodes) < 4:
         return values, nodes
+    weights = _between_cells(len(nodes) - 2)
+    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), weights @ nodes
+
+
+@cache
+def _between_cells(n: int) -> np.ndarray:
+    """Weights (points, n + 2) of the first edge, n centres of cells and the last edge in what is finer."""
     number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
-    at = np.arange(n * PARTS + 1) / PARTS
-    weights = CubicSpline(number, np.eye(n + 2))(at)
-    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), CubicSpline(number, nodes)(at)
+    weights: np.ndarray = CubicSpline(number, np.eye(n + 2))(np.arange(n * PARTS + 1) / PARTS)
+    return weights
 
 
 # --- the operator -----------------------------------------------------------------------------------

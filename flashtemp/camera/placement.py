@@ -6,15 +6,17 @@ of what it shows of the contact.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import erfc
+from numba import njit
 
 from flashtemp.camera.recording import Recording
 
 REACH = 7.0  # widths of the optics beyond the edge of a pixel that it sees
+PLACES = 9  # decimals of a pixel to which images lie in one place
 ROWS = 24  # nodes across a turned body, at least: the turned lines between them are straight
 
 
@@ -32,6 +34,7 @@ class Place:
 
 
 AS_TOLD = Place()
+Kept = dict[bytes, Any]  # matrices that several images share, and what they are made from
 
 
 def corner(recording: Recording, length: float) -> float:
@@ -46,39 +49,69 @@ def pivot(recording: Recording, length: float) -> float:
     return 0.5 * length if recording.view != "wake" else corner(recording, length)
 
 
-def ramp(x: Any, s: Any) -> tuple[Any, Any]:
-    """Integral of the normal distribution function of width s, and its integral.
+@njit(cache=True)
+def _normal(x, pitch: float, sigma: float, found):
+    """Normal distribution function and density of width `sigma` (places, nodes, 2) at both edges of pixels at x."""
+    for i in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            for side in range(2):
+                at = x[i, k] + (0.5 - side) * pitch
+                if sigma > 0.0:
+                    found[0, i, k, side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
+                    found[1, i, k, side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+                else:
+                    found[0, i, k, side] = 1.0 if at > 0.0 else 0.0
 
-    Of complex x and s to first order in their imaginary parts, which is all that a complex step asks for.
+
+@njit(cache=True)
+def _ramp(x: complex, s: complex, half: float, density: float):
+    """Integral of the normal distribution function of width s, and its integral, from function and density.
+
+    To first order in the imaginary parts of x and s, which is all that a complex step asks for.
     """
-    at, wide = np.real(x), float(np.real(s))
-    if wide == 0:
-        up = np.where(at > 0, x, 0.0)
-        return up, 0.5 * up * up
-    half = 0.5 * erfc(-at / (np.sqrt(2.0) * wide))
-    density = np.exp(-0.5 * (at / wide) ** 2) / np.sqrt(2 * np.pi)
+    at, wide = x.real, s.real
     up = at * half + wide * density
     twice = 0.5 * ((at * at + wide * wide) * half + wide * at * density)
-    if not (np.iscomplexobj(x) or np.iscomplexobj(s)):
-        return up, twice
-    dx, ds = np.imag(x), np.imag(s)
-    return up + 1j * (half * dx + density * ds), twice + 1j * (up * dx + wide * half * ds)
+    return complex(up, half * x.imag + density * s.imag), complex(twice, up * x.imag + wide * half * s.imag)
 
 
-def hats(x: Any, pitch: float, sigma: Any, step: Any) -> Any:
+@njit(cache=True)
+def _hats(x, pitch: complex, sigma: complex, step, normal, weights):
+    """`hats` one by one: as arrays they would pass through memory twenty times."""
+    half, density = normal
+    last, before = 0j, 0j
+    for i in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            up, high = _ramp(x[i, k] + 0.5 * pitch, sigma, half[i, k, 0], density[i, k, 0])
+            low, deep = _ramp(x[i, k] - 0.5 * pitch, sigma, half[i, k, 1], density[i, k, 1])
+            once, twice = (up - low) / pitch, (high - deep) / pitch
+            if k > 0:
+                apart = step[i, k - 1]
+                later = (before - twice - apart * once) / apart
+                weights[i, k - 1] += last - once - later
+                weights[i, k] = later
+            last, before = once, twice
+
+
+def hats(x: Any, pitch: Any, sigma: Any, step: Any, kept: Kept | None = None) -> Any:
     """Weights (n, nodes) of a field that is linear between nodes and zero outside, seen by pixels `x` (n, nodes) m
-    before each node, `step` (nodes - 1,) or (n, nodes - 1) m apart; a box of `pitch` convolved with a Gaussian."""
-    ahead, behind = ramp(x + 0.5 * pitch, sigma), ramp(x - 0.5 * pitch, sigma)
-    once, twice = ((a - b) / pitch for a, b in zip(ahead, behind, strict=True))
-    area = once[:, :-1] - once[:, 1:]
-    later = (-step * once[:, 1:] + twice[:, :-1] - twice[:, 1:]) / step
-    weights = np.zeros(x.shape, dtype=later.dtype)
-    weights[:, :-1] += area - later
-    weights[:, 1:] += later
-    return weights
+    before each node, `step` (nodes - 1,) or (n, nodes - 1) m apart; a box of `pitch` convolved with a Gaussian.
 
-
-Kept = dict[bytes, Any]  # matrices that several images share
+    `kept` holds what complex steps from the same place share.
+    """
+    plain = np.ascontiguousarray(np.real(x), float)
+    wide = float(np.real(pitch)), float(np.real(sigma))
+    key = np.round(plain / wide[0], PLACES).tobytes() + np.array(wide).round(12).tobytes()
+    normal = None if kept is None else kept.get(key)
+    if normal is None:
+        normal = np.zeros((2, *plain.shape, 2))
+        _normal(plain, *wide, normal)
+        if kept is not None:
+            kept[key] = normal
+    weights = np.zeros(plain.shape, complex)
+    apart = np.broadcast_to(step, (len(plain), plain.shape[1] - 1)).astype(float)
+    _hats(np.ascontiguousarray(x, complex), complex(pitch), complex(sigma), apart, normal, weights)
+    return weights if any(np.iscomplexobj(a) for a in (x, pitch, sigma)) else weights.real
 
 
 def turned(
@@ -101,8 +134,8 @@ def turned(
     second = v[:, None] * cos + (u[None] - about) * sin  # (nv, nu)
     key = b"".join(np.asarray(a, complex).tobytes() for a in (first, second, along, up, [*optics[0], *optics[1]]))
     lines, columns = (kept or {}).get(key) or (
-        _sparse(first, along, optics[0], lambda k, j, at: k * len(along) + at, values[0].size),
-        _sparse(second, up, optics[1], lambda i, j, at: at * len(u) + j, len(up) * len(u)),
+        _sparse(first, along, optics[0], lambda k, j, at: k * len(along) + at, values[0].size, kept),
+        _sparse(second, up, optics[1], lambda i, j, at: at * len(u) + j, len(up) * len(u), kept),
     )
     if kept is not None:
         kept[key] = lines, columns
@@ -119,7 +152,7 @@ def _skewed(image: Any, centres: tuple[Any, Any], optics: Any) -> Any:
     return variance * np.gradient(np.gradient(image, u, axis=2), v, axis=1)
 
 
-def _sparse(at: Any, nodes: Any, optics: Any, column: Any, size: int) -> Any:
+def _sparse(at: Any, nodes: Any, optics: Any, column: Any, size: int, kept: Kept | None) -> Any:
     """Matrix (pixels, size) of pixels `at` (a, b) m over nodes; `column(i, j, node)` numbers what they see."""
     from scipy.sparse import csr_array
 
@@ -132,7 +165,7 @@ def _sparse(at: Any, nodes: Any, optics: Any, column: Any, size: int) -> Any:
     first = np.minimum(first, len(nodes) - width)
     which = first[:, None] + np.arange(width)
     near = nodes[which]
-    weights = hats(flat[:, None] - near, pitch, sigma, np.diff(near, axis=1))
+    weights = hats(flat[:, None] - near, pitch, sigma, np.diff(near, axis=1), kept)
     i, j = (a.ravel()[:, None] for a in np.indices(at.shape))
     start = np.arange(len(flat) + 1) * width
     return csr_array((weights.ravel(), column(i, j, which).ravel(), start), shape=(len(flat), size))

@@ -92,6 +92,18 @@ def nuisances(
     return out
 
 
+def rescaled(priors: Priors, scale: float, floor: float) -> Priors:
+    """Priors that `nuisances` gave, at another `scale` of what is small and unknown in shape and another `floor`."""
+    times = {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
+    out = dict(priors)
+    for p, (mean, sd) in priors.items():
+        if p.kind in times:
+            out[p] = (mean, sd * times[p.kind])
+        elif p.kind is Kind.FLOOR:
+            out[p] = (mean, floor)
+    return out
+
+
 def places_known(views: Iterable[View]) -> dict[ParameterId, float]:
     """Standard deviation of the place of every point along every axis (m), and of its gain."""
     out = {}

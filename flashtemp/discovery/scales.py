@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flashtemp.discovery.floor import MIDDLE, SIZES
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.nuisances import nuisances, rescaled
 from flashtemp.discovery.parameters import Priors
 from flashtemp.discovery.problem import Problem
 
@@ -28,11 +28,11 @@ def solved(
     problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None
 ) -> Scaled:
     """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
-    equations = equations or system.total()
+    equations, plain = equations or system.total(), nuisances(problem, system.names, model)
 
     def best(ways: list[tuple[float, float]]) -> tuple[tuple[float, float], Priors]:
         """Which scale and floor of these, and the priors with it."""
-        priors = [nuisances(problem, system.names, model, *way) | more for way in ways]
+        priors = [rescaled(plain, *way) | more for way in ways]
         k = system.likeliest(priors, equations)
         return ways[k], priors[k]
 

@@ -96,7 +96,7 @@ class System:
         Where the block slides back, those of the road that enters now.
         """
         if self.inflow is None or self.phase.turned > -np.inf:
-            return np.tile(self.entering(now, whole), (len(behind), 1))
+            return np.broadcast_to(self.entering(now, whole), (len(behind), len(self.b.no_inflow)))
         if len(behind) == 0:
             return np.zeros((0, len(self.b.no_inflow)))
         came = self.entering(now.seeing(passed=now.passed - behind[:, None]), whole)

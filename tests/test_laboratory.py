@@ -42,11 +42,11 @@ def bump(x, z, w=1.5e-3):
     return np.exp(-0.5 * ((x - 0.018) ** 2 + (z - 0.003) ** 2) / w**2)
 
 
-def seen_turned(degrees):
+def seen_turned(degrees, kept=None, step=0.0):
     along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
     field = bump(along[None], up[:, None])[None]
     optics = ((PITCH, WIDTH), (PITCH, WIDTH))
-    return turned(field, (along, up), (U, V), optics, Place(turn=np.radians(degrees)), MIDDLE)[0]
+    return turned(field, (along, up), (U, V), optics, Place(turn=np.radians(degrees) + step), MIDDLE, kept)[0]
 
 
 @pytest.mark.parametrize("degrees", [1e-9, 0.3, 1.0, -5.0])
@@ -61,6 +61,15 @@ def test_a_turned_image_shows_a_round_hill_where_it_lies(degrees):
     assert near.sum() > 400
     second = a**2 * (w2 / 1.5e-3**2 - 1.0)  # what two shears leave of the optics, over the hill's own curvature
     np.testing.assert_allclose(seen_turned(degrees)[near], wanted[near], atol=1e-4 + second)
+
+
+def test_images_with_common_matrices_are_what_each_is_alone():
+    kept, h = {}, 1e-5
+    for degrees in (0.3, -5.0, 0.3):
+        np.testing.assert_array_equal(seen_turned(degrees, kept), seen_turned(degrees))
+        slope = seen_turned(degrees, kept, 1e-30j).imag / 1e-30
+        wanted = (seen_turned(degrees, step=h) - seen_turned(degrees, step=-h)) / (2.0 * h)
+        np.testing.assert_allclose(slope, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
 def test_a_mirrored_recording_is_its_own_mirror():

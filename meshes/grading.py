@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
+
+LEAST = 3  # cells of a layer: a parabola up to its edges
 
 
 def _root(of: Callable[[float], float], low: float, high: float) -> float:
@@ -13,7 +16,10 @@ def _root(of: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(of, low, high))
 
 
-LEAST = 3  # cells of a layer: a parabola up to its edges
+@lru_cache(1024)  # scenes that differ in a law alone have one mesh
+def _rate(first: float, cells: int) -> float:
+    """The rate a of a map expm1(a s)/expm1(a) whose first of so many cells is the share `first` of the length."""
+    return _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first, 1e-9, 300.0)
 
 
 def geometric(length: float, first: float, cells: int, refine: float = 1, even: float = 0.0) -> np.ndarray:
@@ -35,7 +41,7 @@ def geometric(length: float, first: float, cells: int, refine: float = 1, even: 
     s = np.linspace(0.0, 1.0, fine + 1)
     if cells == 1 or first * cells >= length * (1 - 1e-9):
         return s * length
-    rate = _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0)
+    rate = _rate(first / length, cells)
     edges = length * np.expm1(rate * s) / np.expm1(rate)
     if even:
         edges = length * _shared(s, cells, rate, even)
@@ -69,7 +75,7 @@ def layered(
     """
     ends = np.concatenate([[0.0], np.cumsum([thick for thick, _ in layers])])
     length, grown = ends[-1], cells > 1 and first * cells < ends[-1] * (1 - 1e-9)
-    rate = _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first / length, 1e-9, 300.0) if grown else 0.0
+    rate = _rate(first / length, cells) if grown else 0.0
 
     def below(z: np.ndarray) -> np.ndarray:
         return (cells * np.log1p(np.expm1(rate) * z) / rate + even * z) / (cells + even) if grown else z
@@ -98,14 +104,20 @@ def two_sided(length: float, first: float, last: float, cells: int, refine: floa
     lead = max(1, round(cells * (0.62 if first < 0.2 * last else 0.5)))
     trail = max(1, cells - lead)
 
-    # the meeting point is where both series reach the same cell size, so that the map stays smooth
+    split = _meeting(length, first, last, lead, trail)
+    a = geometric(split, first, lead, refine)
+    b = geometric(length - split, last, trail, refine)
+    return np.concatenate([a, (length - b[::-1])[1:]])
+
+
+@lru_cache(1024)
+def _meeting(length: float, first: float, last: float, lead: int, trail: int) -> float:
+    """Where two series from both ends reach the same cell size, so that the map stays smooth; m."""
+
     def jump(split: float) -> float:
         a = geometric(split, first, lead)
         b = geometric(length - split, last, trail)
         return (a[-1] - a[-2]) - (b[-1] - b[-2])
 
     low, high = 0.05 * length, 0.95 * length
-    split = _root(jump, low, high) if jump(low) * jump(high) < 0 else 0.5 * length
-    a = geometric(split, first, lead, refine)
-    b = geometric(length - split, last, trail, refine)
-    return np.concatenate([a, (length - b[::-1])[1:]])
+    return _root(jump, low, high) if jump(low) * jump(high) < 0 else 0.5 * length

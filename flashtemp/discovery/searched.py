@@ -128,10 +128,12 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     if mirrored:
         problem = with_views(problem, [m.view for m in mirrored])
         first = problem.predictions(problem.tasks(model, everything(problem)))
-    coarse = [problem.predictions(problem.tasks(model, Derivatives(), c)) for c in COARSE]
+    tasks = [task for c in COARSE for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
+    answers, count = problem.predictions(tasks), len(problem.conditions)
+    coarse = [answers[k : k + count] for k in range(0, len(answers), count)]
     data = Data.begin(problem, first, coarse)
     begun = Descent(problem, data, model).take(first)
-    del first, coarse  # columns of all pixels
+    del first, coarse, answers  # columns of all pixels
     watch("going to the best point of it")
     looked = _astray(begun)
     if looked:

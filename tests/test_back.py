@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,13 @@ from flashtemp.api.simulation import resume, simulate
 from flashtemp.camera.observation import observe
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
+from flashtemp.model.priors import inputs
 from flashtemp.model.schedule import Course, Schedule, constant
+from flashtemp.runs.convergence import numbers
+from flashtemp.runs.inert import remarks
+from flashtemp.runs.sensitivity_result import NUMBERS
 
 L, P, V = 0.025, 1.5e5, 0.1
 SMALL = {"numerics__mesh": 0.5, "schedule__distance": 0.3}
@@ -56,6 +63,35 @@ def test_sliding_back_is_the_mirror_image_bit_for_bit(lab, more):
         np.testing.assert_array_equal(seen, values, name)
     for key in ("rise_leading_K", "rise_trailing_K", "worn_leading_m"):
         assert back.summary[key] == forward.summary[key]
+
+
+def test_what_acts_behind_the_block_acts_behind_it_whichever_way_it_slides(lab):
+    """Moisture evaporates from the road that is warm, not from what is still to come."""
+    wet = SMALL | {"effects": ["evaporation"], "evaporation__coefficient": 2000.0}
+    forward, back, dry = (lab.case(**given, schedule__speed=v) for given, v in ((wet, V), (wet, -V), (SMALL, -V)))
+    np.testing.assert_array_equal(back.T_wake, forward.T_wake)
+    assert (dry.T_wake[-1] - back.T_wake[-1]).max() > 0.3
+
+
+def test_numbers_of_the_edges_follow_the_edge_that_leads(lab):
+    forward, back = (lab.case(**SMALL, schedule__speed=v) for v in (V, -V))
+    for about in NUMBERS.values():
+        assert about.of(back) == pytest.approx(about.of(forward), rel=1e-12)
+    np.testing.assert_allclose(numbers(back), numbers(forward), rtol=1e-9)
+    assert numbers(back)[0] < numbers(back)[2]
+
+
+def test_the_prior_of_a_speed_does_not_turn_the_block():
+    case = assemble({}, {"schedule.speed": -V}, Places("none"), Path(), "back")
+    [speed] = inputs(case, ("schedule.speed",))[0]
+    assert (speed.low, speed.high, speed.at_bound) == (-1000.0, -5e-324, False)
+    assert speed.at(np.linspace(-3.0, 3.0, 7)) == pytest.approx(-V * (1.0 - 0.01 * np.linspace(-3.0, 3.0, 7)))
+
+
+@pytest.mark.parametrize(("turn", "said"), [(1, 0), (0, 1)])
+def test_track_memory_is_called_idle_only_where_road_never_comes_again(turn, said):
+    given = {"schedule.repetitions": 3, "schedule.turn": turn, "schedule.distance": 0.2, "numerics.mesh": 0.4}
+    assert len(remarks(assemble({}, given | {"effects": ["track_memory"]}, Places("none"), Path(), "shuttle"))) == said
 
 
 def test_what_belongs_to_the_block_stays_where_it_is(lab):

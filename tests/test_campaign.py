@@ -74,6 +74,8 @@ def test_a_campaign_is_read(folder):
         (HEAD + "candidates = 3\n" + VIEW, "give a list of names in quotes"),
         (HEAD + 'free = "friction.mu"\n' + VIEW, "give a list of names in quotes"),
         (HEAD + 'candidates = ["weer"]\n' + VIEW, "did you mean 'wear'"),
+        (HEAD + 'candidates = ["./dust.py"]\n' + VIEW, "a file of your own belongs into the case, its candidates"),
+        (HEAD + VIEW + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:6: recording: recording 3: file"),
         ("case = \n", "not valid TOML"),
     ],
 )

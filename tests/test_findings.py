@@ -657,6 +657,14 @@ def test_every_verdict_is_said_in_words(kind, said):
         assert "(radiation)" in first
 
 
+@pytest.mark.parametrize(("seen", "hardly"), [(1.5, True), (40.0, False)])
+def test_data_that_can_show_nothing_say_so(seen, hardly):
+    rivals = (replace(RIVALS[0], seen=seen), replace(RIVALS[1], seen=0.0, score=1e3))
+    lines = wording.says(replace(verdict("none_needed"), rivals=rivals), catalogue())
+    assert any("would hardly have shown a cause" in line for line in lines) == hardly
+    assert any(f"The strongest of 1 candidates, {RIVALS[0].effect}," in line for line in lines)
+
+
 @pytest.mark.parametrize(("chance", "doubted"), [(4e-4, True), (0.3, False)])
 def test_a_law_on_which_conditions_hardly_agree_is_named_with_its_doubt(chance, doubted):
     made = replace(verdict("named"), causes=(replace(CAUSE, consistent=chance),))

@@ -57,6 +57,13 @@ def off(r, t=0.0) -> float:
     return float(np.nanmax(np.abs(r.temperature - wanted)))
 
 
+def test_an_image_that_lies_beside_the_block_is_refused(image):
+    for pixel, said in (((500.0, 24.0), "u = -250 to"), ((5.0, -90.0), "v = -59")):
+        with pytest.raises(BadInput, match=f"{said}.*no pixel is on it; give --pixel"):
+            made([image], pixel=pixel, block=(25.0, 7.0))
+    assert made([image], block=(25.0, 7.0)).frames == 1
+
+
 TURNS = [(d, u) for d in ("left", "right") for u in ("up", "down")] + [
     (d, u) for d in ("up", "down") for u in ("left", "right")
 ]

@@ -207,6 +207,20 @@ def test_a_law_that_fails_on_the_way_is_told_with_its_line(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("law", ["lambda T, now: 1.0", "lambda T, now, p: [1.0, 2.0]", 'lambda T, now, p: "x"'])
+def test_a_law_that_cannot_be_asked_or_answers_no_number_is_told_with_its_line(tmp_path, capsys, law):
+    text = DUST.replace("lambda T, now, p: 1.0 - p.rate * now.slid", law)
+    line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
+    assert f"effect 'dust' ({tmp_path / 'dust.py'}:{text[: text.index(law)].count(chr(10)) + 1}): its law fails" in line
+    assert "TypeError" in line
+
+
+def test_a_law_that_gives_no_number_is_named(tmp_path, capsys):
+    text = DUST.replace("1.0 - p.rate * now.slid)", 'float("nan"))')
+    line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
+    assert "no number comes from effect dust" in line
+
+
 def test_two_files_of_one_name(tmp_path, capsys):
     folder = written(tmp_path / "case", effects='["./dust.py", "more/dust.py"]')
     (folder / "more").mkdir()

@@ -72,6 +72,12 @@ def test_every_combination_is_the_run_itself(case, tmp_path):
     assert not (tmp_path / "out.partial").exists()
 
 
+@pytest.mark.parametrize(("speed", "edge"), [("0.1", "leading edge"), ("-0.1", "edge that leads forward")])
+def test_places_count_from_the_edge_that_leads_forward(case, tmp_path, speed, edge):
+    found, _ = carried(case, tmp_path / "out", "contact.pressure=1e5,2e5", f"schedule.speed={speed}")
+    assert found.place.attrs["long_name"] == f"x/L from the {edge}"
+
+
 def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
     """What was finished before is not marched again."""
     out, marched = tmp_path / "out", []

@@ -199,9 +199,16 @@ def test_a_profile_can_be_the_view(made):
     ("given", "said"),
     [
         (["--hide", "friction"], "always acts"),
-        (["--hide", "pressure_tillt"], "did you mean 'pressure_tilt'"),
+        (
+            ["--hide", "pressure_tillt"],
+            "--hide: effect 'pressure_tillt' is not in the catalogue; did you mean 'pressure_tilt'",
+        ),
         (["--hide", "wear,wear"], "named twice"),
         (["--hide", "none", "--views", "above"], "sidewall, wake, profile"),
+        (
+            ["--hide", "none", "--views", "points", "--points", "x=0.5,z=0.002"],
+            "x = 0.5 m lies outside what is simulated",
+        ),
         (["--hide", "none", "--conditions", "9"], "give 1 to 4"),
         (["--hide", "none", "--nuisance", "-1"], "from 0 to 3"),
     ],

@@ -41,7 +41,7 @@ def draw(run) -> Figure:
         _words(ax, run, repetition, frame)
     for ax in panels[len(frames) :]:
         ax.set_axis_off()
-    _labels(axes, len(frames))
+    _labels(axes, run, len(frames))
     bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.DEGREE})", pad=0.015, aspect=9 * rows)
     bar.outline.set_linewidth(0.4)
     fig.supxlabel(textwrap.fill(_caption(run, [i for _, i in frames]), 142), x=0.01, ha="left", fontsize=7.0)
@@ -58,7 +58,7 @@ def _words(ax, run, repetition: int, frame: int) -> None:
         ax.plot(1e3 * run.x[i], ax.get_ylim()[0], "^", color="black", ms=4.0, clip_on=False, zorder=5)
 
 
-def _labels(axes, count: int) -> None:
+def _labels(axes, run, count: int) -> None:
     """Axis labels at the left, and below the lowest panel of every column."""
     rows = len(axes)
     for row, column in np.ndindex(axes.shape):
@@ -67,7 +67,7 @@ def _labels(axes, count: int) -> None:
         ax.tick_params(axis="x", bottom=lowest, labelbottom=lowest, pad=4)
         ax.xaxis.set_in_layout(row == rows - 1)  # above an empty place its labels find room there
         if lowest:
-            ax.set_xlabel("x from leading edge (mm)")
+            ax.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
         if column == 0:
             ax.set_ylabel("side wall\nz (mm)")
 

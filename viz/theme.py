@@ -80,6 +80,11 @@ def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     return path
 
 
+def from_edge(run) -> str:
+    """The edge from which x counts, whichever way a run slides."""
+    return "leading edge" if run.direction is None else "edge that leads forward"
+
+
 def temperature_map() -> ListedColormap:
     """The one colour map of temperature: perceptually uniform, without the black and white ends."""
     from matplotlib import colormaps

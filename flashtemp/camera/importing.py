@@ -12,6 +12,7 @@ import numpy as np
 from flashtemp.camera import files, geometry, logger_tables, timing
 from flashtemp.camera.import_options import Facts, option
 from flashtemp.camera.masks import masked
+from flashtemp.camera.placement import on_the_block
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.camera.recording import Recording
@@ -153,7 +154,7 @@ def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], fold
         source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
         **_known(first[1], facts),
     )  # fmt: skip
-    return Imported(recording, tuple(notes), tuple(names), _block(facts))
+    return Imported(recording, tuple(notes), tuple(names), on_the_block(recording, _block(facts)))
 
 
 def _pieces(path: Path, facts: Facts) -> Iterator[tuple[Frames, bool]]:

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from flashtemp.camera.recording import Recording
+from flashtemp.errors import BadInput
 
 REACH = 7.0  # widths of the optics beyond the edge of a pixel that it sees
 PLACES = 9  # decimals of a pixel to which images lie in one place
@@ -47,6 +48,19 @@ def corner(recording: Recording, length: float) -> float:
 def pivot(recording: Recording, length: float) -> float:
     """u (m) about which an image is turned: the middle of the block, or the edge that a wake begins at."""
     return 0.5 * length if recording.view != "wake" else corner(recording, length)
+
+
+def on_the_block(recording: Recording, block: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The block (length, height in m); BadInput where it is known and the whole of a side wall's image lies beside."""
+    if block is None or recording.view != "sidewall":
+        return block
+    for name, at, size in zip("uv", (recording.u, recording.v), block, strict=True):
+        if not np.any((at >= 0.0) & (at <= size)):
+            raise BadInput(
+                f"pixel: the image shows {name} = {1e3 * at[0]:.4g} to {1e3 * at[-1]:.4g} mm, the block lies from 0 to "
+                f"{1e3 * size:.4g} mm: no pixel is on it; give --pixel COLUMN ROW of its leading edge at the interface"
+            )
+    return block
 
 
 @njit(cache=True)

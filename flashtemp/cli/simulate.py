@@ -43,8 +43,9 @@ def run(
         raise BadInput("run: give one CASE, or --resume DIR to go on with an interrupted run")
     say = teller(json)
     if resume is not None:
-        if overrides:
-            raise BadInput("--resume: an interrupted run goes on as it was; leave out the key=value")
+        for given, what in ((overrides, "key=value"), (out, "--out: it ends in the folder it was begun for")):
+            if given:
+                raise BadInput(f"--resume: an interrupted run goes on as it was; leave out {what}")
         folder = simulation.resumed_as(resume)
         with progress_bar("resuming") as watch:
             result, code = finished(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))

@@ -181,8 +181,9 @@ class _Reader:
     limit: float | None
     faults: list[str] = field(default_factory=list)
 
-    def fault(self, key: str, text: str) -> None:
-        self.faults.append(f"{self.where(key)}: {text}")
+    def fault(self, key: str, text: str, nth: int = 1) -> None:
+        """Keep a fault of a key, or of the `nth` table of that name."""
+        self.faults.append(f"{self.where(key, nth)}: {text}")
 
     def case(self, raw: dict[str, Any]) -> Path | None:
         """The case file that is believed."""
@@ -212,7 +213,7 @@ class _Reader:
             return []
         for number, entry in enumerate(entries, 1):
             for key in entry.keys() - ENTRY[kind]:
-                self.fault(kind, f"{kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}")
+                self.fault(kind, f"{kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}", number)
         return entries
 
     def names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
@@ -242,7 +243,9 @@ class _Reader:
         known = cases.known() if believed is None else believed.known
         for name in found or ():
             if name not in known:
-                self.fault("candidates", f"effect '{name}' is not in the catalogue{nearest(name, known)}")
+                own = name.endswith(".py")
+                what = "; a file of your own belongs into the case, its candidates" if own else nearest(name, known)
+                self.fault("candidates", f"effect '{name}' is not in the catalogue{what}")
         return found
 
     def free(self, given: tuple[str, ...] | None, believed: cases.Case) -> tuple[str, ...]:
@@ -258,7 +261,7 @@ class _Reader:
         imagined = self.planned and "view" in entry and "file" not in entry
         if imagined and entry["view"] not in synthetic.FACES and not ("points" in entry and entry["view"] == "points"):
             known = ", ".join(synthetic.FACES) + ", or points with their places"
-            self.fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}")
+            self.fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
             return None
         sound = self._file(entry, "recording", number) if not imagined else True
         if not (self._shared(entry, "recording", number, under) and sound):
@@ -270,7 +273,7 @@ class _Reader:
             try:
                 taken = _imagined(entry, under(given), f"recording {number}")
             except BadInput as fault:
-                self.faults.extend(f"{self.where('recording')}: {line}" for line in fault.lines)
+                self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
             return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
         try:
@@ -283,7 +286,7 @@ class _Reader:
             return View(entry["file"], taken, given, sigma, held)
         except BadInput as fault:
             own = "points" in entry
-            self.faults.extend(f"{self.where('recording')}: {line}" if own else line for line in fault.lines)
+            self.faults.extend(f"{self.where('recording', number)}: {line}" if own else line for line in fault.lines)
             return None
 
     def force(self, entry: dict[str, Any], number: int, under: Under | None) -> Force | None:
@@ -293,7 +296,7 @@ class _Reader:
         try:
             time, mu = pairs(entry["file"], self.folder, "file")
         except BadInput as fault:
-            self.faults.extend(f"{self.where('force')}: force {number}: {line}" for line in fault.lines)
+            self.faults.extend(f"{self.where('force', number)}: force {number}: {line}" for line in fault.lines)
             return None
         return Force(entry["file"], time, mu, entry.get("with", {}), entry.get("sigma"), entry.get("held_out", False))
 
@@ -302,10 +305,10 @@ class _Reader:
         file = entry.get("file")
         if not isinstance(file, str):
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
-            self.fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}")
+            self.fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
             return False
         if not (self.folder / file).is_file():
-            self.fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}")
+            self.fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
             return False
         return True
 
@@ -314,20 +317,22 @@ class _Reader:
         before, place = len(self.faults), f"{kind} {number}"
         given, held = entry.get("with", {}), entry.get("held_out", False)
         if not isinstance(held, bool):
-            self.fault(kind, f"{place}: held_out: {held!r}; give true or false")
+            self.fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
         if not isinstance(given, dict):
-            self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
+            self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
         elif under is not None:
             try:
                 under(given, by="with")
             except BadInput as fault:
-                self.faults.extend(f"{self.where(kind)}: {place}: {line}" for line in fault.lines)
+                self.faults.extend(f"{self.where(kind, number)}: {place}: {line}" for line in fault.lines)
         name = "sigma_K" if kind == "recording" else "sigma"
         sigma = entry.get(name)
         if sigma is not None and (
             isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3
         ):
-            self.fault(kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated")
+            self.fault(
+                kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated", number
+            )
         return len(self.faults) == before
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import synthetic
+from flashtemp.camera import point_observation, synthetic
 from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.points import of_rows
 from flashtemp.errors import BadInput, nearest
@@ -82,7 +82,7 @@ def _with_files(case: Case, plan: Plan) -> tuple[Case, Plan]:
 def _check(case: Case, plan: Plan) -> None:
     """BadInput for a plan that cannot be carried out with this case."""
     _check_hidden(case, plan)
-    _check_views(plan)
+    _check_views(plan, case)
     if case["schedule.alone"] and plan.views != ("points",):
         raise BadInput(f"--views: {','.join(plan.views)}; nothing slides (schedule.alone), give points and --points")
     if case["schedule.alone"] and plan.conditions != 1:
@@ -101,14 +101,14 @@ def _check(case: Case, plan: Plan) -> None:
 def _check_hidden(case: Case, plan: Plan) -> None:
     for name in plan.hidden:
         if name not in case.known:
-            raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, case.known)}")
+            raise BadInput(f"--hide: effect '{name}' is not in the catalogue{nearest(name, case.known)}")
         if case.known[name].base:
             raise BadInput(f"--hide: effect '{name}' always acts and cannot be hidden; choose another")
     if len(set(plan.hidden)) < len(plan.hidden):
         raise BadInput(f"--hide: {', '.join(plan.hidden)}: an effect is named twice; once is enough")
 
 
-def _check_views(plan: Plan) -> None:
+def _check_views(plan: Plan, case: Case) -> None:
     if len(set(plan.views)) < len(plan.views):
         raise BadInput(f"--views: {','.join(plan.views)}: a view is named twice; once is enough")
     for view in plan.views:
@@ -117,7 +117,7 @@ def _check_views(plan: Plan) -> None:
     if ("points" in plan.views) != bool(plan.points):
         raise BadInput("--points: places and the view of points belong together; give both, for example x=0.01,z=0.002")
     if plan.points:
-        of_rows(list(plan.points), "--points")
+        point_observation.check(of_rows(list(plan.points), "--points"), case.scene, "--points")
 
 
 def _write(case: Case, plan: Plan, work: Path, watch) -> None:

@@ -236,7 +236,7 @@ def _rival(search: Search, s: Score, single: Separability, accepted: list[str]) 
     return Rival(
         effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
         reason=_why_not(s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
-        unit=param.unit, z=s.z, raw_share=s.raw_share,
+        unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.seen,
         detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left, refitted=refit is not None,
     )  # fmt: skip
 

@@ -65,7 +65,8 @@ class Rival:
     """A candidate that was tried: `score` its ln Bayes factor, `amplitude` it would need (and `stderr`) in `unit`.
 
     `left`: ln Bayes factor that the accepted causes still have beside it; `detectable` the amplitude that
-    would have been seen at 5 sigma; `refitted`: scored by a full fit, not by its trace alone.
+    would have been seen at 5 sigma, `seen` how clear its typical one is, in sigma; `refitted`: scored by a full fit,
+    not by its trace alone.
     """
 
     effect: str
@@ -81,6 +82,7 @@ class Rival:
     detectable: float = float("inf")
     left: float | None = None
     refitted: bool = False
+    seen: float = float("inf")
 
 
 @dataclass(frozen=True)

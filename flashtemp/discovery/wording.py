@@ -14,6 +14,7 @@ from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
 from flashtemp.physics.effect import Effect
 
 MOST = 3  # of each kind in the text
+SHOWS = 5.0  # standard deviations of a typical strength, below which a cause would hardly be named
 DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
@@ -156,10 +157,18 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
             lines.append(f"The nearest member is {causes[0].effect}, but it does not explain the data.")
         return [*lines, *_open(v)]
     lines = ["No extension is needed: the calibrated model explains the data within their noise."]
-    best = max((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: r.score, default=None)
+    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0]
+    best = max(tried, key=lambda r: r.score, default=None)
+    clearest = max(tried, key=lambda r: r.seen, default=None)
+    if clearest is not None and clearest.seen < SHOWS:
+        lines.append(
+            f"But these data would hardly have shown a cause: of {len(tried)} candidates at their typical strength "
+            f"the clearest, {clearest.effect}, stands out by {clearest.seen:.2g} standard deviations; `flashtemp plan` "
+            "tells what would show more."
+        )
     if best is not None:
         lines.append(
-            f"The strongest of {len(v.rivals)} candidates, {best.effect}, has ln Bayes factor {best.score:.1f}; "
+            f"The strongest of {len(tried)} candidates, {best.effect}, has ln Bayes factor {best.score:.1f}; "
             f"{NAMED:g} would name a cause."
         )
     return lines

@@ -42,20 +42,21 @@ class Places:
     overridden: set[str] = field(default_factory=set)
     by: str = "command line"
 
-    def __call__(self, dotted: str) -> str:
+    def __call__(self, dotted: str, nth: int = 1) -> str:
         if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
             return f"{dotted} ({self.by})"
-        line = self.line(dotted)
+        line = self.line(dotted, nth)
         return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
 
-    def line(self, dotted: str) -> int | None:
-        """1-based line of a dotted key, or None for one that is not written there."""
+    def line(self, dotted: str, nth: int = 1) -> int | None:
+        """1-based line of a dotted key, of tables of that name the `nth`, or None for one that is not written there."""
         prefix = ""
         for number, raw in enumerate(self.text.splitlines(), 1):
             line = raw.split("#", 1)[0].strip()
             if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
                 prefix = header[1] + "."
-                if header[1] == dotted:
+                nth -= header[1] == dotted
+                if header[1] == dotted and nth < 1:
                     return number
             elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
                 return number

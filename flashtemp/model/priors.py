@@ -158,8 +158,10 @@ def _input(case: Stated, key: str, value: float) -> Input | None:
         sd, reason = usual[0] * (abs(value) if usual[1] else 1.0), usual[2]
         if value == 0 and key != "ambient.temperature":  # what is off stays off
             return None
-    low = math.nextafter(param.low, math.inf) if param.open_low else param.low
-    return Input(key, value, float(sd), param.unit, low, param.high, reason) if sd else None
+    low, high = math.nextafter(param.low, math.inf) if param.open_low else param.low, param.high
+    if param.signed and value < 0:  # what turns it does so for certain
+        low, high = -high, -low
+    return Input(key, value, float(sd), param.unit, low, high, reason) if sd else None
 
 
 def stated(value: Any) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 from flashtemp.errors import BadInput
 
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-UNIT = r"(?:1/)?[A-Za-zµ°Ω%][^\"'=;,]{0,40}?"
+UNIT = r"(?:1?/)?[A-Za-zµ°Ω%][^\"'=;,]{0,40}?"
 QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s*(?=[^1\s])|\s+(?=1/))({UNIT})\s*")
 FILE = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with an ending
 OURS = {  # as tables write them: a product below the line without its brackets
@@ -37,8 +37,10 @@ def plain(value: str, unit: str, difference: bool = False) -> float:
 
     >>> plain("25 mm", "m"), plain("0.3MPa", "Pa"), round(plain("68 degF", "degC"), 9), plain("5 %", "1")
     (0.025, 300000.0, 20.0, 0.05)
-    >>> plain("0.2 W/mK", "W/mK"), plain("2 K", "degC", difference=True)
-    (0.2, 2.0)
+    >>> plain("0.2 W/mK", "W/mK"), plain("2 K", "degC", difference=True), plain("10 W/(m2 K)", "W/m2K")
+    (0.2, 2.0, 10.0)
+    >>> plain("10 W/m²K", "W/m2K"), plain("1.5 N/mm2", "Pa"), plain("0.2/m", "1/m")
+    (10.0, 1500000.0, 0.2)
     """
     found = QUANTITY.fullmatch(value)
     assert found is not None  # `meant` was asked
@@ -64,7 +66,16 @@ def plain(value: str, unit: str, difference: bool = False) -> float:
 
 
 def _theirs(unit: str) -> str:
-    return OURS.get(unit, unit).replace("^", "**")
+    """A unit as the library reads it: powers written small or behind a letter, nothing above the line.
+
+    >>> _theirs("W/m²K"), _theirs("N/mm2"), _theirs("mm2K/W"), _theirs("/m")
+    ('W/(m**2*K)', 'N/mm**2', 'mm**2*K/W', '1/m')
+    """
+    flat = unit.replace("²", "2").replace("³", "3").replace("·", "*")
+    if flat in OURS:
+        return OURS[flat]
+    raised = re.sub(r"(?<=[A-Za-z])([23])(?![0-9])", r"**\1", flat.replace("^", "**"))
+    return ("1" if raised.startswith("/") else "") + re.sub(r"(\*\*[23])(?=[A-Za-z])", r"\1*", raised)
 
 
 @cache

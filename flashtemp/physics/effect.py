@@ -233,7 +233,7 @@ def catalogue() -> dict[str, type[Effect]]:
 
 
 def only_effect(module: ModuleType) -> type[Effect]:
-    """The one effect that a module defines.  Raises BadInput when it defines none, or several."""
+    """The one effect that a module defines.  Raises BadInput when it defines none, several or a wrong one."""
     kinds = [
         k
         for k in vars(module).values()
@@ -249,6 +249,12 @@ def only_effect(module: ModuleType) -> type[Effect]:
             line = 1
         names = " and ".join(k.__name__ for k in kinds)
         raise BadInput(f"{module.__file__}:{line}: holds {len(kinds)} effects, {names}; give each a file of its own")
+    for name, param in kinds[0].params().items():
+        if param.low > param.high:
+            raise BadInput(f"{module.__file__}: {name}: low = {param.low:g}, high = {param.high:g}; give low <= high")
+        number = isinstance(param.value, (int, float)) and not isinstance(param.value, bool)
+        if number and (why := param.fault(param.value)):
+            raise BadInput(f"{module.__file__}: {name}: its default is {param.value!r}; {why}")
     return kinds[0]
 
 

@@ -65,7 +65,8 @@ def numbers(run: Run) -> np.ndarray:
     T = run.T_block[run.last] - run.ambient_degC
     L = run.mesh.x[run.mesh.last]
     mu = run.friction_per_repetition or [0.0]  # nothing slides
-    return np.array([run.at_x(T, 0.02 * L), run.at_x(T, 0.5 * L), run.at_x(T, 0.98 * L), float(np.mean(mu))])
+    leading, middle, trailing = (run.at_x(T, share * L) for share in (0.02, 0.5, 0.98)[:: 1 + 2 * run.leads(run.last)])
+    return np.array([leading, middle, trailing, float(np.mean(mu))])
 
 
 def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:

@@ -12,6 +12,7 @@ from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.circular_track import remembers
 from flashtemp.solver.march import law_at_fault
 from flashtemp.solver.system import Incoming, System
 
@@ -109,9 +110,12 @@ def _moved(y: np.ndarray, one: Balance, other: Balance) -> np.ndarray:
 
 
 def _returning(scene: Scene, phase: Any):
-    """Road that returns a kelvin warmer once it has been round the track; None where none is remembered."""
-    mesh, lap = scene.mesh, scene.schedule.lap
-    if lap is None:
+    """Road that returns a kelvin warmer: once it has been round the track, or, where the block slides to and fro, in
+    every repetition but the first.  None where none is remembered."""
+    mesh, schedule = scene.mesh, scene.schedule
+    if not remembers(scene):
         return None
     cold = np.zeros(mesh.n_road * mesh.n_across)
-    return lambda now, whole=False: Incoming(cold + (1.0 if phase.slid_before + now.slid > lap else 0.0))
+    again = len(schedule.directions) > 1 and phase.slid_before > 0.0
+    lap = schedule.lap or np.inf
+    return lambda now, whole=False: Incoming(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))

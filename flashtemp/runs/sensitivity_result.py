@@ -31,14 +31,19 @@ class About:
     least: float
 
 
+def _trailing(run: Run, values: Array) -> float:
+    """The value at the trailing edge at the end, of values (times, lines)."""
+    return float(values[run.last][-1 - run.leads(run.last)])
+
+
 def _part(name: str) -> Callable[[Run], float]:
     return lambda run: run.budget[name] / max(run.budget["friction"], 1e-300)
 
 
 NUMBERS = {
-    "T_spot_L": About("degC", "T_spot at the trailing edge", lambda run: float(run.T_spot[run.last][-1]), 0.05),
+    "T_spot_L": About("degC", "T_spot at the trailing edge", lambda run: _trailing(run, run.T_spot), 0.05),
     "T_spot_max": About("degC", "highest T_spot at the end", lambda run: float(run.T_spot[run.last].max()), 0.05),
-    "T_block_L": About("degC", "T(L), block at the trailing edge", lambda run: float(run.T_block[run.last][-1]), 0.05),
+    "T_block_L": About("degC", "T(L), block at the trailing edge", lambda run: _trailing(run, run.T_block), 0.05),
     "mu": About("1", "friction, last repetition", lambda run: (run.friction_per_repetition or [0.0])[-1], 1e-3),
     "into_road": About("1", "share of the heat into the road", _part("road"), 2e-3),
     "in_block": About("1", "share of the heat left in the block", _part("block"), 2e-3),

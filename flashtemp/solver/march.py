@@ -6,10 +6,11 @@ import time as clock
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
+from types import FunctionType
 
 import numpy as np
 
-from flashtemp.errors import SolverFailure
+from flashtemp.errors import FlashtempError, SolverFailure
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
@@ -177,10 +178,15 @@ def _tell(system: System, now: Progress, fault: Exception) -> None:
 def law_at_fault(scene: Scene, fault: Exception) -> str | None:
     """The effect in whose file an exception arose, with the line; None where no law is to blame."""
     names = {type(a.effect).heat.__code__.co_filename: a.name for a in scene.acting}
-    for at in reversed(traceback.extract_tb(fault.__traceback__)):
-        if at.filename in names:
-            said = f"{type(fault).__name__}: {fault}"
-            return f"effect '{names[at.filename]}' ({at.filename}:{at.lineno}): its law fails: {said}; repair that line"
+    said = f"{type(fault).__name__}: {fault}"
+    for frame, line in reversed(list(traceback.walk_tb(fault.__traceback__))):
+        file = frame.f_code.co_filename
+        if file not in names and not isinstance(fault, FlashtempError):  # it cannot be asked so, or answers so
+            laws = [getattr(frame.f_locals.get(name), "law", None) for name in ("factor", "part")]
+            code = next((law.__code__ for law in laws if isinstance(law, FunctionType)), frame.f_code)
+            file, line = code.co_filename, code.co_firstlineno
+        if file in names:
+            return f"effect '{names[file]}' ({file}:{line}): its law fails: {said}; repair that line"
     return None
 
 
@@ -197,8 +203,9 @@ def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> s
     moment = system.moment(t)  # evenly pressed: what failed may be the pressure itself
     even = system.interface.state(moment, np.full(len(mesh.column_x), moment.pressure))
     sizes = b.laws.contributors(T[b.cell_block], system.interface.at(even, moment))
-    effect = max(sizes, key=sizes.__getitem__) if sizes else "none"
+    broken = [name for name, size in sizes.items() if not np.isfinite(size)]
+    largest = f"largest effect: {max(sizes, key=sizes.__getitem__) if sizes else 'none'}"
     return (
         f"{fault}; at t = {t:.6g} s, hottest {body} cell {where}z = {z * 1e3:.3g} mm "
-        f"({T[cell] - KELVIN:.4g} degC), largest effect: {effect}"
+        f"({T[cell] - KELVIN:.4g} degC), {f'no number comes from effect {broken[0]}' if broken else largest}"
     )

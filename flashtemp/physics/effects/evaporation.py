@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> [sink] = Evaporation().heat(N(length=0.025), None)
->>> now, p = N(x=0.03, repetition=1, ambient=293.15), N(coefficient=150.0, repetitions=2.0)
+>>> now, p = N(lead=0.03, repetition=1, ambient=293.15), N(coefficient=150.0, repetitions=2.0)
 >>> float(sink.law(303.15, now, p))
 -1500.0
 """
@@ -32,7 +32,7 @@ class Evaporation(Effect):
         """Sink on the free road behind the trailing edge."""
 
         def law(T, now, p):
-            wet = np.where(now.x > scene.length, np.exp(-(now.repetition - 1) / p.repetitions), 0.0)
+            wet = np.where(now.lead > scene.length, np.exp(-(now.repetition - 1) / p.repetitions), 0.0)
             return p.coefficient * wet * (now.ambient - T)
 
         yield Heat.patch("road.free", law)

@@ -657,12 +657,18 @@ def test_every_verdict_is_said_in_words(kind, said):
         assert "(radiation)" in first
 
 
-@pytest.mark.parametrize(("seen", "hardly"), [(1.5, True), (40.0, False)])
-def test_data_that_can_show_nothing_say_so(seen, hardly):
-    rivals = (replace(RIVALS[0], seen=seen), replace(RIVALS[1], seen=0.0, score=1e3))
-    lines = wording.says(replace(verdict("none_needed"), rivals=rivals), catalogue())
-    assert any("would hardly have shown a cause" in line for line in lines) == hardly
-    assert any(f"The strongest of 1 candidates, {RIVALS[0].effect}," in line for line in lines)
+@pytest.mark.parametrize(
+    ("seen", "said"), [((1.5, 2.0), "none of them"), ((1.5, 40.0, 2.0), "alone"), ((9.0, 40.0), "")]
+)
+def test_data_that_can_hardly_show_a_cause_say_so(seen, said):
+    """A candidate that cannot act on them at all is not the strongest, whatever its score."""
+    idle = replace(RIVALS[0], seen=0.0, score=1e3)
+    shown = tuple(replace(r, seen=s) for r, s in zip(RIVALS[1:], seen, strict=False))
+    lines = wording.says(replace(verdict("none_needed"), rivals=(idle, *shown)), catalogue())
+    hardly = [line for line in lines if "would hardly have shown most causes" in line]
+    assert len(hardly) == bool(said)
+    assert all(said in line and f"of {len(seen)} candidates" in line for line in hardly)
+    assert any(f"The strongest of {len(seen)} candidates, {RIVALS[1].effect}," in line for line in lines)
 
 
 @pytest.mark.parametrize(("chance", "doubted"), [(4e-4, True), (0.3, False)])

@@ -157,14 +157,14 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
             lines.append(f"The nearest member is {causes[0].effect}, but it does not explain the data.")
         return [*lines, *_open(v)]
     lines = ["No extension is needed: the calibrated model explains the data within their noise."]
-    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0]
+    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0 and not r.reason.startswith("not tried")]
     best = max(tried, key=lambda r: r.score, default=None)
-    clearest = max(tried, key=lambda r: r.seen, default=None)
-    if clearest is not None and clearest.seen < SHOWS:
+    clear = [r.effect for r in sorted(tried, key=lambda r: -r.seen) if r.seen >= SHOWS]
+    if tried and len(clear) < 0.5 * len(tried):
+        seen = f"{', '.join(clear)} alone" if clear else "none of them"
         lines.append(
-            f"But these data would hardly have shown a cause: of {len(tried)} candidates at their typical strength "
-            f"the clearest, {clearest.effect}, stands out by {clearest.seen:.2g} standard deviations; `flashtemp plan` "
-            "tells what would show more."
+            f"But these data would hardly have shown most causes: of {len(tried)} candidates at their typical strength "
+            f"{seen} would stand out by {SHOWS:g} standard deviations; `flashtemp plan` tells what would show more."
         )
     if best is not None:
         lines.append(

@@ -252,9 +252,6 @@ def only_effect(module: ModuleType) -> type[Effect]:
     for name, param in kinds[0].params().items():
         if param.low > param.high:
             raise BadInput(f"{module.__file__}: {name}: low = {param.low:g}, high = {param.high:g}; give low <= high")
-        number = isinstance(param.value, (int, float)) and not isinstance(param.value, bool)
-        if number and (why := param.fault(param.value)):
-            raise BadInput(f"{module.__file__}: {name}: its default is {param.value!r}; {why}")
     return kinds[0]
 
 

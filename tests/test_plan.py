@@ -16,6 +16,7 @@ from flashtemp.discovery.experiment_design import SURE, plan
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.scores import Separability
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs.workers import crew
@@ -83,6 +84,12 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
         assert one[name].z > SURE  # it is seen
         assert not one[name].separable
         assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
+
+
+def test_what_is_never_seen_is_like_nothing():
+    rho = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    three = Separability(("wear", "spots", "blur"), rho, np.array([3.0, 4.0, 0.0]))
+    assert [three.nearest(name) for name in three.names] == [("spots", -0.9), ("wear", -0.9), ("none", 0.0)]
 
 
 def test_two_conditions_tell_them_apart(outlooks):

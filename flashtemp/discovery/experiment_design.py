@@ -114,7 +114,8 @@ class Outlook(Shown):
         lines.append(f"  {'effect':26s} {'z':>8s} {'z left':>8s}  {'5 sigma at':>24s}  nearest rival")
         for p in self.prospects:
             size = f"{p.detectable:.3g} {'' if p.unit == '1' else p.unit}" if np.isfinite(p.detectable) else "never"
-            lines.append(f"  {p.effect:26s} {p.z:8.1f} {p.z_left:8.1f}  {size:>24s}  {p.nearest} ({p.rho:+.2f})")
+            like = f"{p.nearest} ({p.rho:+.2f})" if p.rho else p.nearest
+            lines.append(f"  {p.effect:26s} {p.z:8.1f} {p.z_left:8.1f}  {size:>24s}  {like}")
         for e in self.experiments[:3]:
             what = ", ".join(e.helps) or "nothing more"
             lines.append(f"  add one condition {e.words}: separates {what}")
@@ -247,7 +248,7 @@ def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Pro
     for i, effect in enumerate(separable.names):
         c, z = by_name[effect], float(separable.z[i])
         k, a = c.first
-        nearest, rho = separable.nearest(effect) if len(separable.names) > 1 else ("none", 0.0)
+        nearest, rho = separable.nearest(effect)
         size = SURE * abs(a) / z if z > NOTHING else float("inf")
         unit = c.params[k].unit
         out.append(Prospect(effect, str(c.column(k)), unit, z, left.get(effect, 0.0), size, nearest, rho))

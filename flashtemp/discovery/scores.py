@@ -142,11 +142,11 @@ class Separability:
         return float(np.sqrt(max(0.0, 1.0 - np.max(others**2)))) if len(others) else 1.0
 
     def nearest(self, name: str) -> tuple[str, float]:
-        """The rival with the most similar signature, and its correlation."""
+        """The rival with the most similar signature, and its correlation; none where nothing is like it."""
         i = self.names.index(name)
-        order = np.argsort(-np.abs(self.rho[i]))
-        j = next(int(k) for k in order if k != i)
-        return self.names[j], float(self.rho[i, j])
+        others = np.where(np.arange(len(self.names)) == i, 0.0, self.rho[i])
+        j = int(np.argmax(np.abs(others)))
+        return (self.names[j], float(others[j])) if others[j] else ("none", 0.0)
 
 
 def separability(fit: Fit, tried: Sequence[Candidate]) -> Separability:

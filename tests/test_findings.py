@@ -24,6 +24,7 @@ from flashtemp.discovery.verdict import (
     Check,
     Estimate,
     Fitness,
+    Found,
     Held,
     LearnedLaw,
     Missing,
@@ -669,6 +670,15 @@ def test_data_that_can_hardly_show_a_cause_say_so(seen, said):
     assert len(hardly) == bool(said)
     assert all(said in line and f"of {len(seen)} candidates" in line for line in hardly)
     assert any(f"The strongest of {len(seen)} candidates, {RIVALS[1].effect}," in line for line in lines)
+
+
+@pytest.mark.parametrize(("pull", "said"), [(1.2, "within what is usual"), (-6.6, "far beyond what is usual")])
+def test_errors_of_the_laboratory_are_called_usual_only_where_they_are(pull, said):
+    found = Found("block.length", 26.65e-3, 5e-5, "m", pull, "the block's length is 26.65 mm")
+    [line] = [
+        s for s in wording.says(replace(verdict("unexplained"), laboratory=(found,)), catalogue()) if "26.65" in s
+    ]
+    assert said in line
 
 
 @pytest.mark.parametrize(("chance", "doubted"), [(4e-4, True), (0.3, False)])

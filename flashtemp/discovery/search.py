@@ -33,6 +33,7 @@ from flashtemp.discovery.starts import by_runs, dragged, inside, typical
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
 TOGETHER = 6  # pairs tried at a time: each holds its images
+SEEN = 1.0  # standard deviations: a partner whose typical strength stands out by less changes nothing
 
 
 def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
@@ -133,7 +134,7 @@ def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> 
     watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
     model = Model(search.problem.start.free, {first.effect: typical(first)})
     best: list[tuple[float, Descent]] = []
-    others = [s for s in ranked if s is not first and s.seen > 0.0]
+    others = [s for s in ranked if s is not first and s.seen > SEEN]
     for k in range(0, len(others), TOGETHER):
         tried = [
             search.start(model.with_effect(s.effect, typical(s)), (first.candidate, s.candidate), rough=False)

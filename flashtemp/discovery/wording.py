@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from flashtemp.discovery.adequacy import PULL
 from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
 from flashtemp.discovery.searched import NAMED, WEAK
@@ -95,9 +96,10 @@ def _first(v: Verdict) -> list[str]:
 
 
 def _laboratory(v: Verdict) -> list[str]:
-    """What calibration found of the laboratory within what is usual."""
+    """What calibration found of the laboratory, within what is usual or beyond."""
+    usual, odd = "within what is usual, and allowed for", "far beyond what is usual, as what is missing may ask for it"
     return [
-        f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): within what is usual, and allowed for."
+        f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): {odd if abs(f.pull) > PULL else usual}."
         for f in v.laboratory[:MOST]
     ]
 

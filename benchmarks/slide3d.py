@@ -256,27 +256,15 @@ def bandwidth() -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("sizes", "memory", "large", "cores", "parts", "bandwidth", "reference"):
+    alone = {f.__name__: f for f in (sizes, memory, large, cores, parts, bandwidth, reference)}
+    for name in alone:
         parser.add_argument(f"--{name}", action="store_true")
     parser.add_argument("--repeat", type=int, default=3)
-    options = parser.parse_args()
-    if options.reference:
-        reference()
-    elif options.sizes:
-        sizes()
-    elif options.memory:
-        memory()
-    elif options.large:
-        large()
-    elif options.cores:
-        cores()
-    elif options.parts:
-        parts()
-    elif options.bandwidth:
-        bandwidth()
-    else:
-        return million(options.repeat)
-    return 0
+    options = vars(parser.parse_args())
+    asked = [run for name, run in alone.items() if options[name]]
+    for run in asked:
+        run()
+    return 0 if asked else million(options["repeat"])
 
 
 if __name__ == "__main__":

@@ -172,7 +172,7 @@ FAULTS = {
     "syntax": ({"text": "x = = 1\n"}, r"dust.py:1: invalid syntax", "repair"),
     "not text": ({"text": DUST, "file": "dust.py", "effects": '["./other.py"]'}, r"case.toml:1: effects: './other.py'", "give"),
     "always": ({"text": DUST.replace("    rate", "    base = True\n    rate")}, "dust.py: base = True", "leave it out"),
-    "bounds that none meets": ({"text": DUST.replace("high=4.0", "high=-1.0")}, "dust.py: rate: low = 0, high = -1", "low <= high"),
+    "bounds that none meets": ({"text": DUST.replace("high=4.0", "high=-1.0")}, r"dust.py:15: does not run: ValueError: no number is >= 0 and <= -1", "repair"),
     "name of the catalogue": ({"file": "wear.py", "effects": '["./wear.py"]'}, "wear.py: the catalogue has", "another name"),
     "name of a table": ({"file": "block.py", "effects": '["./block.py"]'}, "'block' is a key of every case", "another name"),
     "name that is none": ({"file": "My-dust.py", "effects": '["./My-dust.py"]'}, "My-dust.py: the name of the file", "small"),

@@ -78,8 +78,7 @@ def _block(ax, run, kept) -> Panel:
     bar = ax.figure.colorbar(images[0], ax=ax, label=f"temperature ({theme.DEGREE})", pad=0.01, aspect=18)
     bar.outline.set_linewidth(0.4)
     height = 1e3 * run.mesh.height[-1]
-    ax.set(ylabel="side wall, z (mm)", ylim=(ax.get_ylim()[0], (1 + LIFT) * height))
-    ax.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
+    ax.set(xlabel=theme.along(run), ylabel="side wall, z (mm)", ylim=(ax.get_ylim()[0], (1 + LIFT) * height))
     titles = [ax.set_title(" ", fontweight="bold"), ax.set_title(" ", loc="right")]
     left, right, *_ = images[0].get_extent()
     apart = ax.text(0.5 * right, ax.get_yticks()[0], "no contact", color=theme.AMBIENT, ha="center", va="center")
@@ -132,7 +131,7 @@ def _pressure(ax, run, kept) -> Panel:
     (line,) = ax.plot(x, p[start], color="black", label="now")
     ax.plot(x, p[start], **GHOST, zorder=1, label="at the start")
     ax.set(xlim=(0.0, 1e3 * run.mesh.x[run.mesh.last]), ylim=(0.0, max(1e-6, 1.06 * p[[start, *at]].max())))
-    ax.set(xlabel=f"x from {theme.from_edge(run)} (mm)", ylabel="pressure, nominal (MPa)")
+    ax.set(xlabel=theme.along(run), ylabel="pressure, nominal (MPa)")
     ax.legend(loc="upper right")
     return Panel([line], lambda frame: line.set_ydata(p[run.frames[frame]]))
 

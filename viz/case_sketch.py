@@ -45,9 +45,12 @@ def _block(ax, scene) -> None:
         ax.plot([0.0, length], [end, end], color="#2B2B2B", lw=0.8)
         ax.annotate(layer.name, (0.98 * length, end), va="top", ha="right", fontsize=8)
     ax.axhspan(-0.35 * height, 0.0, color="#BCAAA4", lw=0)
-    ax.annotate("leading edge", (0.0, 0.0), (0.0, height * 1.12), ha="center", fontsize=8)
-    ax.annotate("trailing edge", (length, 0.0), (length, height * 1.12), ha="center", fontsize=8)
-    ax.annotate("", (0.25 * length, height / 2), (0.55 * length, height / 2), arrowprops={"arrowstyle": "->"})
+    back, ways = scene.schedule.heading < 0, len(scene.schedule.directions)
+    words = ["leading edge", "trailing edge"] if ways == 1 else ["leads forward", "leads back"]
+    for x, word in zip((0.0, length), words[::-1] if back and ways == 1 else words, strict=True):
+        ax.annotate(word, (x, 0.0), (x, height * 1.12), ha="center", fontsize=8)
+    style = "<->" if ways > 1 else "<-" if back else "->"
+    ax.annotate("", (0.25 * length, height / 2), (0.55 * length, height / 2), arrowprops={"arrowstyle": style})
     ax.annotate("slides", (0.58 * length, height / 2), va="center", fontsize=8)
     ax.set_xlim(-0.25 * length, 1.25 * length)
     ax.set_ylim(-0.35 * height, 1.4 * height)

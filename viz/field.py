@@ -38,7 +38,7 @@ def draw(run) -> Figure:
         _bodies(above, run, cells[frame], norm, run.mesh.height[-1], shown)
         picture = _bodies(below, run, cells[frame], norm, *near)
         above.set_title(words)
-        below.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
+        below.set_xlabel(theme.along(run))
     axes[0, 0].set(ylabel="z (mm)", xlim=1e3 * run.mesh.x[[0, -1]])
     for ax in axes[0]:
         ax.set_aspect("equal", adjustable="box")

@@ -67,7 +67,7 @@ def _labels(axes, run, count: int) -> None:
         ax.tick_params(axis="x", bottom=lowest, labelbottom=lowest, pad=4)
         ax.xaxis.set_in_layout(row == rows - 1)  # above an empty place its labels find room there
         if lowest:
-            ax.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
+            ax.set_xlabel(theme.along(run))
         if column == 0:
             ax.set_ylabel("side wall\nz (mm)")
 
@@ -86,8 +86,10 @@ def _caption(run, frames: list[int]) -> str:
     words.append("Contact: in the macroasperity contact regions, hottest at the triangle.")
     if views.has_wake(run):
         shown = 1e3 * (run.mesh.x[-1] - run.mesh.x[run.mesh.last])
-        wake = "Wake: road surface averaged across y, over lanes and what lies between"
-        words.append(f"{wake}, {theme.number(shown, 3)} mm behind the block.")
+        road, side = ("Wake", "behind") if run.direction is None else ("Road", "beside")
+        surface = f"{road}: surface of the road averaged across y, over lanes and what lies between"
+        words.append(f"{surface}, {theme.number(shown, 3)} mm {side} the block.")
     if any(np.isnan(views.contact(run, i)).any() for i in frames):
         words.append("White: no contact.")
-    return " ".join([*words, "The block slides to the left."])
+    ways = {"left" if run.leads(k) == 0 else "right" for k in run.frames[frames]}
+    return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])

@@ -42,7 +42,8 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     ambient = f"ambient, {theme.number(run.ambient_degC)} {theme.DEGREE}"
     ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label=ambient)
     ax.set(xlim=(0.0, 1e3 * _length(run)), ylim=theme.span(*shown, least=1.0))
-    ax.set(xlabel=f"distance from the {theme.from_edge(run)}, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
+    edge = "leading edge" if run.direction is None else "edge that leads forward"
+    ax.set(xlabel=f"distance from the {edge}, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
     fig.legend(loc="outside lower left", ncols=2)
     when = f"t = {theme.number(run.time[k])} s, slid {theme.number(run.slid[k])} m"
     ax.set_title(f"end of repetition {run.repetition[k]}: {when}", pad=20)

@@ -116,12 +116,13 @@ def _words(plot, fields, seen, t: float) -> None:
     plot.add_text(fields.title, position="upper_left", font_size=15, color=INK)
     plot.add_text(_moment(float(moment)), position="lower_left", font_size=11, color=INK, name="time")
     under, far = -ROAD_SHOWN - 2.0, seen["road"][0][-1]
+    names = ("x = 0", "x = L", "road") if fields.slides_back else ("leading edge", "trailing edge", "wake")
     marks = {  # below the road and above the block: nothing dark behind
-        (x[0], y[0], under): "leading edge", (x[-1], y[0], under): "trailing edge",
+        (x[0], y[0], under): names[0], (x[-1], y[0], under): names[1],
         (0.35 * x[0] + 0.65 * x[-1], y[-1], z[-1] + 2.5): f"block {x[-1]:.3g} x {np.ptp(y):.3g} x {z[-1]:.3g} mm",
     }  # fmt: skip
     if far > x[-1]:
-        marks[(far, y[0], under)] = "wake"
+        marks[(far, y[0], under)] = names[2]
     plot.add_point_labels(
         np.array(list(marks)), list(marks.values()), shape=None, show_points=False, font_size=20, text_color=INK,
         always_visible=True, bold=False,

@@ -45,7 +45,7 @@ def _film(fig, ax, run, when: Clock) -> None:
         cmap=theme.temperature_map(), norm=theme.temperature_norm(run.T_block),
     )  # fmt: skip
     when.shape(ax)
-    ax.set(xlabel="", ylim=(0.0, 1e3 * x[-1]), ylabel=f"x from {theme.from_edge(run)} (mm)")
+    ax.set(xlabel="", ylim=(0.0, 1e3 * x[-1]), ylabel=theme.along(run))
     ax.tick_params(labelbottom=False)
     bar = fig.colorbar(film, ax=ax, label=f"block surface, mean across y ({theme.DEGREE})", pad=0.01, aspect=14)
     bar.outline.set_linewidth(0.4)

@@ -41,11 +41,7 @@ def _profiles(ax, found, key: str) -> None:
     for i, colour in zip(shown, theme.repetitions(len(shown)), strict=True):
         one = found.isel({key: int(i), "repetition": -1})
         ax.plot(found.place, one.T_spot, color=colour, label=_spoken(found[key]).value(found[key].values[i]))
-    ax.set(
-        xlabel=found.place.attrs["long_name"],
-        ylabel=f"in the spots ({theme.DEGREE})",
-        title="end of the last repetition",
-    )
+    ax.set(xlabel="x/L along the block", ylabel=f"in the spots ({theme.DEGREE})", title="end of the last repetition")
     ax.legend(title=_spoken(found[key]).label, title_fontsize=7.5)
 
 

@@ -80,9 +80,9 @@ def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     return path
 
 
-def from_edge(run) -> str:
-    """The edge from which x counts, whichever way a run slides."""
-    return "leading edge" if run.direction is None else "edge that leads forward"
+def along(run) -> str:
+    """Label of the axis x: it counts from the leading edge, or where the block slides back is the block's own."""
+    return "x from leading edge (mm)" if run.direction is None else "x along the block (mm)"
 
 
 def temperature_map() -> ListedColormap:

@@ -61,7 +61,7 @@ def draw(run) -> Figure:
         ax.imshow(values, extent=(0.0, L, *z), **style)
         ax.set(title=f"block {words}", xlim=(0.0, far), ylabel="z (mm)")
     for ax in (pressed, walls[1]):
-        ax.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
+        ax.set_xlabel(theme.along(run))
     for ax in (above, pressed, *walls):
         ax.spines[:].set_visible(False)
     temperature = f"temperature ({theme.DEGREE})"

@@ -65,5 +65,4 @@ def _pressure(ax, run, curves) -> None:
     for k, style in [(start, BEFORE), *curves]:
         ax.plot(1e3 * run.x, 1e-6 * run.pressure[k], **style, label=f"{k}")
     top = 1.06e-6 * max(run.pressure[k].max() for k in (start, *(k for k, _ in curves)))
-    ax.set(ylim=(0.0, max(top, 1e-6)), ylabel="contact pressure, nominal (MPa)")
-    ax.set_xlabel(f"x from {theme.from_edge(run)} (mm)")
+    ax.set(ylim=(0.0, max(top, 1e-6)), ylabel="contact pressure, nominal (MPa)", xlabel=theme.along(run))

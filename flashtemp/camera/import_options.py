@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -170,6 +171,20 @@ class Facts:
     psf_sigma: float | None = None
     exposure: float | None = None
     registration_sigma: float | None = None
+
+    @property
+    def outline(self) -> tuple[float, float] | None:
+        """Length and height of the block, m, from the option or the case.  Raises BadInput."""
+        if self.block is not None:
+            if not all(0 < side < math.inf for side in self.block):
+                raise BadInput(f"block: {self.block}; give length and height in mm, greater than zero")
+            return 1e-3 * self.block[0], 1e-3 * self.block[1]
+        if self.case is None:
+            return None
+        from flashtemp.model.case import NO_EFFECTS, load
+
+        case = load(self.case, NO_EFFECTS)
+        return case["block.length"], case["block.height"]
 
     def over(self, other: Facts) -> Facts:
         """These facts where they are said, the other ones elsewhere."""

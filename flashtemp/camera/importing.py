@@ -12,7 +12,7 @@ import numpy as np
 from flashtemp.camera import files, geometry, logger_tables, timing
 from flashtemp.camera.import_options import Facts, option
 from flashtemp.camera.masks import masked
-from flashtemp.camera.placement import on_the_block
+from flashtemp.camera.placement import check_seen
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.camera.recording import Recording
@@ -87,7 +87,7 @@ def recorded(
     """
     _sane(facts)
     if facts.view == "points":
-        return Imported(*logger_tables.recorded(names, facts), tuple(names), _block(facts))
+        return Imported(*logger_tables.recorded(names, facts), tuple(names), facts.outline)
     if facts.places is not None:
         raise BadInput("places: belong to thermocouples; give --view points with them")
     return _of_images(_thinned(names, facts), facts, told, folder)
@@ -154,7 +154,8 @@ def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], fold
         source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
         **_known(first[1], facts),
     )  # fmt: skip
-    return Imported(recording, tuple(notes), tuple(names), on_the_block(recording, _block(facts)))
+    check_seen(recording, block := facts.outline)
+    return Imported(recording, tuple(notes), tuple(names), block)
 
 
 def _pieces(path: Path, facts: Facts) -> Iterator[tuple[Frames, bool]]:
@@ -334,17 +335,3 @@ def _known(frames: Frames, facts: Facts) -> dict[str, Any]:
         "reflected_degC": said.get("reflected"),
         "fps": fps / every if fps and facts.fps else fps,
     }
-
-
-def _block(facts: Facts) -> tuple[float, float] | None:
-    """Length and height of the block, m, from the option or the case."""
-    if facts.block is not None:
-        if not all(0 < side < np.inf for side in facts.block):
-            raise BadInput(f"block: {facts.block}; give length and height in mm, greater than zero")
-        return MM * facts.block[0], MM * facts.block[1]
-    if facts.case is None:
-        return None
-    from flashtemp.model.case import NO_EFFECTS, load
-
-    case = load(facts.case, NO_EFFECTS)
-    return case["block.length"], case["block.height"]

@@ -50,17 +50,16 @@ def pivot(recording: Recording, length: float) -> float:
     return 0.5 * length if recording.view != "wake" else corner(recording, length)
 
 
-def on_the_block(recording: Recording, block: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The block (length, height in m); BadInput where it is known and the whole of a side wall's image lies beside."""
+def check_seen(recording: Recording, block: tuple[float, float] | None) -> None:
+    """BadInput where the whole image of a side wall lies beside the `block` (length, height in m), if that is known."""
     if block is None or recording.view != "sidewall":
-        return block
+        return
     for name, at, size in zip("uv", (recording.u, recording.v), block, strict=True):
         if not np.any((at >= 0.0) & (at <= size)):
             raise BadInput(
                 f"pixel: the image shows {name} = {1e3 * at[0]:.4g} to {1e3 * at[-1]:.4g} mm, the block lies from 0 to "
                 f"{1e3 * size:.4g} mm: no pixel is on it; give --pixel COLUMN ROW of its leading edge at the interface"
             )
-    return block
 
 
 @njit(cache=True)

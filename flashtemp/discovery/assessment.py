@@ -218,7 +218,7 @@ def rivals(search: Search, accepted: list[str]) -> tuple[Rival, ...]:
     """Every candidate with the reason why it was not chosen."""
     single = separability(search.base, search.problem.tried)
     out = [_rival(search, s, single, accepted) for s in (search.ranking[0] if search.ranking else ())]
-    out += [Rival(e, 0.0, 0.0, f"not tried: {why}") for e, why in search.problem.left.items()]
+    out += [Rival(e, 0.0, 0.0, f"not tried: {why}", seen=0.0) for e, why in search.problem.left.items()]
     return tuple(sorted(out, key=lambda r: -r.score))
 
 

@@ -60,11 +60,8 @@ def everything(problem: Problem) -> Derivatives:
     return Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
 
 
-def nuisances(
-    problem: Problem, names: Iterable[ParameterId], model: Model, scale: float = 1.0, floor: float = MIDDLE
-) -> Priors:
-    """(mean, standard deviation) of everything that calibration may move, seen from a point; `scale` of what is
-    small and unknown in shape, `floor` of the model's own error over the rise."""
+def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> Priors:
+    """(mean, standard deviation) of everything that calibration may move, seen from a point."""
     out: Priors = {}
     free = problem.priors
     known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
@@ -82,18 +79,16 @@ def nuisances(
             if p.file or p.kind is Kind.SIZE or p in problem.loose:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
         elif p.kind in (Kind.MODE, Kind.TREND):
-            out[p] = (0.0, scale * MODE / p.index[0])
-        elif p.kind is Kind.FLOOR:
-            out[p] = (0.0, floor)
+            out[p] = (0.0, MODE / p.index[0])
         elif p.kind in GROUPS:
-            out[p] = (0.0, GROUPS[p.kind] * (min(scale, MOST) if p.kind in LARGER else 1.0))
+            out[p] = (0.0, GROUPS[p.kind])
         if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
             out[p] = (0.0, STIFF * out[p][1])
     return out
 
 
 def rescaled(priors: Priors, scale: float, floor: float) -> Priors:
-    """Priors that `nuisances` gave, at another `scale` of what is small and unknown in shape and another `floor`."""
+    """The same at a `scale` of what is small and unknown in shape, and a `floor` of the model's own relative error."""
     times = {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
     out = dict(priors)
     for p, (mean, sd) in priors.items():

@@ -14,6 +14,7 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.problem import Problem
 
 NOTHING = 1e-3  # z of a signature of typical strength below which an effect does nothing here
+SEEN = 1.0  # z of a typical strength below which an effect is no partner of another
 SLACK = 1e-12  # beyond a bound that is rounding
 
 
@@ -177,7 +178,7 @@ class Pair:
 def pairs(problem: Problem, fit: Fit, ranked: Sequence[Score], most: int = 12) -> list[Pair]:
     """Two effects together, for the candidates with the largest z; best first."""
     base = Base.of(problem, fit)
-    best = sorted((s for s in ranked if s.seen > 1.0), key=lambda s: -s.z)[:most]
+    best = sorted((s for s in ranked if s.seen > SEEN), key=lambda s: -s.z)[:most]
     out = []
     for i, a in enumerate(best):
         for b in best[i + 1 :]:

@@ -16,7 +16,7 @@ from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.put_right import doubt, put_right
 from flashtemp.discovery.rounds import Watch, advance, descend
-from flashtemp.discovery.scores import Score, pairs, scores
+from flashtemp.discovery.scores import SEEN, Score, pairs, scores
 from flashtemp.discovery.searched import (
     HOPELESS,
     IDLE,
@@ -33,7 +33,6 @@ from flashtemp.discovery.starts import by_runs, dragged, inside, typical
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
 TOGETHER = 6  # pairs tried at a time: each holds its images
-SEEN = 1.0  # standard deviations: a partner whose typical strength stands out by less changes nothing
 
 
 def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:

@@ -97,7 +97,7 @@ def _first(v: Verdict) -> list[str]:
 
 def _laboratory(v: Verdict) -> list[str]:
     """What calibration found of the laboratory, within what is usual or beyond."""
-    usual, odd = "within what is usual, and allowed for", "far beyond what is usual, as what is missing may ask for it"
+    usual, odd = "within what is usual, and allowed for", "far beyond what is usual: what is missing may ask for it"
     return [
         f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): {odd if abs(f.pull) > PULL else usual}."
         for f in v.laboratory[:MOST]
@@ -159,7 +159,7 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
             lines.append(f"The nearest member is {causes[0].effect}, but it does not explain the data.")
         return [*lines, *_open(v)]
     lines = ["No extension is needed: the calibrated model explains the data within their noise."]
-    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0 and not r.reason.startswith("not tried")]
+    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0]
     best = max(tried, key=lambda r: r.score, default=None)
     clear = [r.effect for r in sorted(tried, key=lambda r: -r.seen) if r.seen >= SHOWS]
     if tried and len(clear) < 0.5 * len(tried):

@@ -56,7 +56,7 @@ class Places:
             if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
                 prefix = header[1] + "."
                 nth -= header[1] == dotted
-                if header[1] == dotted and nth < 1:
+                if header[1] == dotted and nth == 0:
                     return number
             elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
                 return number

@@ -66,16 +66,18 @@ def plain(value: str, unit: str, difference: bool = False) -> float:
 
 
 def _theirs(unit: str) -> str:
-    """A unit as the library reads it: powers written small or behind a letter, nothing above the line.
+    """A unit as the library reads it: powers written small or behind a length or a second, products below the line
+    without their brackets, nothing above the line.
 
-    >>> _theirs("W/m²K"), _theirs("N/mm2"), _theirs("mm2K/W"), _theirs("/m")
-    ('W/(m**2*K)', 'N/mm**2', 'mm**2*K/W', '1/m')
+    >>> _theirs("W/m²K"), _theirs("kW/m2K"), _theirs("N/mm2"), _theirs("mm2K/W"), _theirs("/m"), _theirs("cmH2O")
+    ('W/(m**2*K)', 'kW/(m**2*K)', 'N/mm**2', 'mm**2*K/W', '1/m', 'cmH2O')
     """
     flat = unit.replace("²", "2").replace("³", "3").replace("·", "*")
     if flat in OURS:
         return OURS[flat]
-    raised = re.sub(r"(?<=[A-Za-z])([23])(?![0-9])", r"**\1", flat.replace("^", "**"))
-    return ("1" if raised.startswith("/") else "") + re.sub(r"(\*\*[23])(?=[A-Za-z])", r"\1*", raised)
+    raised = re.sub(r"(?<![A-Za-z])([kdcmµun]?m|in|ft|s)([23])(?![0-9])", r"\1**\2", flat.replace("^", "**"))
+    below = re.sub(r"/(\w+\*\*[23])([A-Za-z]+)", r"/(\1*\2)", raised)
+    return ("1" if below.startswith("/") else "") + re.sub(r"(\*\*[23])(?=[A-Za-z])", r"\1*", below)
 
 
 @cache

@@ -87,6 +87,10 @@ class Param:
     signed: bool = False
     kinds: tuple[str, ...] = ("number",)
 
+    def __post_init__(self) -> None:
+        if self.low > self.high:  # told with its line where the class is read
+            raise ValueError(f"no number is >= {self.low:g} and <= {self.high:g}")
+
     def fault(self, value: Any) -> str | None:
         """What is wrong with a number from a case, or None."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -233,7 +237,7 @@ def catalogue() -> dict[str, type[Effect]]:
 
 
 def only_effect(module: ModuleType) -> type[Effect]:
-    """The one effect that a module defines.  Raises BadInput when it defines none, several or a wrong one."""
+    """The one effect that a module defines.  Raises BadInput when it defines none, or several."""
     kinds = [
         k
         for k in vars(module).values()
@@ -249,9 +253,6 @@ def only_effect(module: ModuleType) -> type[Effect]:
             line = 1
         names = " and ".join(k.__name__ for k in kinds)
         raise BadInput(f"{module.__file__}:{line}: holds {len(kinds)} effects, {names}; give each a file of its own")
-    for name, param in kinds[0].params().items():
-        if param.low > param.high:
-            raise BadInput(f"{module.__file__}: {name}: low = {param.low:g}, high = {param.high:g}; give low <= high")
     return kinds[0]
 
 

@@ -65,8 +65,10 @@ def numbers(run: Run) -> np.ndarray:
     T = run.T_block[run.last] - run.ambient_degC
     L = run.mesh.x[run.mesh.last]
     mu = run.friction_per_repetition or [0.0]  # nothing slides
-    leading, middle, trailing = (run.at_x(T, share * L) for share in (0.02, 0.5, 0.98)[:: 1 + 2 * run.leads(run.last)])
-    return np.array([leading, middle, trailing, float(np.mean(mu))])
+    rises = [run.at_x(T, share * L) for share in (0.02, 0.5, 0.98)]
+    if run.leads(run.last) != 0:
+        rises.reverse()
+    return np.array([*rises, float(np.mean(mu))])
 
 
 def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:

@@ -236,10 +236,8 @@ def _gather(sweep: Sweep, found: list[dict[str, np.ndarray] | None]):
         data[name] = ((*axes, *dims), table, {"units": unit, "long_name": words})
     coords = {key: (key, _coordinate(values), {"units": _unit(sweep.case, key)}) for key, values in sweep.axes.items()}
     coords["repetition"] = ("repetition", np.arange(1, repetitions + 1), {"units": "1", "long_name": "1-based"})
-    ways = [*sweep.case.scene.schedule.directions, *sweep.axes.get("schedule.speed", ())]
-    back = any(isinstance(v, (int, float)) and v < 0 for v in ways)
-    edge = "edge that leads forward" if back else "leading edge"
-    coords["place"] = ("place", PLACES, {"units": "1", "long_name": f"x/L from the {edge}"})
+    along = "x/L from the edge that leads while the block slides forward"
+    coords["place"] = ("place", PLACES, {"units": "1", "long_name": along})
     about = {"title": sweep.case.title, "case": sweep.case.toml(), "Conventions": "CF-1.11"}
     return xr.Dataset(data, coords=coords, attrs=about)
 

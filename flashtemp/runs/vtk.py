@@ -121,6 +121,7 @@ def write(run: Run, path: Path) -> None:
         about = file.create_group("flashtemp")
         about.attrs["title"] = run.title
         about.attrs["case"] = run.case_text
+        about.attrs["slides_back"] = run.direction is not None
         for key, value in run.statistics.items():
             about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
 
@@ -269,6 +270,12 @@ class Fields(Shown):
         """The title of the run."""
         with h5py.File(self.path) as file:
             return str(file["flashtemp"].attrs["title"])
+
+    @property
+    def slides_back(self) -> bool:
+        """Whether x = 0 is not the leading edge, at least at times."""
+        with h5py.File(self.path) as file:
+            return bool(file["flashtemp"].attrs.get("slides_back", False))
 
     def __str__(self) -> str:
         first, last = self.times[0], self.times[-1]

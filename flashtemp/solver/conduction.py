@@ -213,7 +213,8 @@ class Slab(Plane):
         diagonal = slopes.diagonal()
         own = np.bincount(diagonal[0] // n, diagonal[1], mesh.n_plane)
         up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.across()))
-        kf, stretch = (a if a is not b.ones and (a != 1.0).any() else b.ones for a in (kf, stretch))  # off: no trace
+        # what is off leaves no trace
+        kf, stretch = (a if a is not b.ones and (a != 1.0).any() else b.ones for a in (kf, stretch))
         even = np.ones(mesh.n_plane) if stretch is b.ones else mesh.planes(stretch) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
         gx, gz = super().conductances(mean)

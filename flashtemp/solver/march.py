@@ -178,14 +178,15 @@ def _tell(system: System, now: Progress, fault: Exception) -> None:
 def law_at_fault(scene: Scene, fault: Exception) -> str | None:
     """The effect in whose file an exception arose, with the line; None where no law is to blame."""
     names = {type(a.effect).heat.__code__.co_filename: a.name for a in scene.acting}
-    said = f"{type(fault).__name__}: {fault}"
-    for frame, line in reversed(list(traceback.walk_tb(fault.__traceback__))):
-        file = frame.f_code.co_filename
-        if file not in names and not isinstance(fault, FlashtempError):  # it cannot be asked so, or answers so
-            laws = [getattr(frame.f_locals.get(name), "law", None) for name in ("factor", "part")]
-            code = next((law.__code__ for law in laws if isinstance(law, FunctionType)), frame.f_code)
-            file, line = code.co_filename, code.co_firstlineno
+    frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(fault.__traceback__)]
+    if not isinstance(fault, FlashtempError):  # called wrongly, or its answer is no number: then it has no frame itself
+        *_, (last, _) = traceback.walk_tb(fault.__traceback__)
+        laws = (getattr(last.f_locals.get(name), "law", None) for name in ("factor", "part"))
+        asked = next((law.__code__ for law in laws if isinstance(law, FunctionType)), last.f_code)
+        frames.append((asked.co_filename, asked.co_firstlineno))
+    for file, line in reversed(frames):
         if file in names:
+            said = f"{type(fault).__name__}: {fault}"
             return f"effect '{names[file]}' ({file}:{line}): its law fails: {said}; repair that line"
     return None
 

@@ -3,8 +3,10 @@
 if __name__ != "flashtemp.viz":
     raise ImportError("import flashtemp.viz, not viz: a second copy breaks isinstance")
 
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from flashtemp.errors import reason
 from flashtemp.showing import whole_file
@@ -54,18 +56,39 @@ def _animate(run, folder: Path, module: str) -> list[Path]:
     return [folder / f"{ANIMATIONS[module]}.gif"]
 
 
+class Picture(NamedTuple):
+    """What one module of PICTURES or ANIMATIONS draws, and the formats that are wanted of it."""
+
+    module: str
+    formats: tuple[str, ...]
+
+
+def wanted(formats=("png",), animated=True) -> list[Picture]:
+    """All pictures, and then the animations, that a run may have."""
+    still = [Picture(module, tuple(formats)) for module in PICTURES]
+    return still + [Picture(module, ("gif",)) for module in ANIMATIONS if animated]
+
+
+def drawn(run, folder, picture: Picture) -> tuple[list[Path], dict[str, str]]:
+    """Draw one of those `wanted` if it can be: the files, and {what is missing: why}."""
+    moving = picture.formats == ("gif",)
+    name = (ANIMATIONS if moving else PICTURES)[picture.module]
+    try:
+        return (_animate(run, folder, picture.module) if moving else _draw(run, folder, *picture)), {}
+    except Exception as fault:
+        return [], {f"{name}.{kind}": reason(fault) for kind in picture.formats}
+
+
 def draw_each(run, folder, formats=("png",), animated=True) -> tuple[list[Path], dict[str, str]]:
     """Draw all that can be drawn: the files, and {what is missing: why}.  A picture that fails stops no other."""
+    return together(drawn(run, Path(folder), picture) for picture in wanted(formats, animated))
+
+
+def together(answers: Iterable[tuple[list[Path], dict[str, str]]]) -> tuple[list[Path], dict[str, str]]:
+    """All files, and all that is missing, of several that were `drawn`."""
     made: list[Path] = []
     missing: dict[str, str] = {}
-    for module, name in PICTURES.items():
-        try:
-            made += _draw(run, Path(folder), module, formats)
-        except Exception as fault:
-            missing |= {f"{name}.{kind}": reason(fault) for kind in formats}
-    for module, name in ANIMATIONS.items() if animated else ():
-        try:
-            made += _animate(run, Path(folder), module)
-        except Exception as fault:
-            missing[f"{name}.gif"] = reason(fault)
+    for files, faults in answers:
+        made += files
+        missing |= faults
     return made, missing

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,8 +40,9 @@ def simulate(
     `watch(progress, end)` is told about every step; `pvd` adds a series for older ParaView.  Raises BadInput, also
     when `out` exists, Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
     """
-    folder = None if out is None else Path(out)
-    return job.simulate(case_of(case, overrides), folder, overwrite, pvd, watch, say, _draw)
+    given, folder = case_of(case, overrides), None if out is None else Path(out)
+    with _drawing(watch, say, folder is not None and given["output.pictures"]) as (told, draw):
+        return job.simulate(given, folder, overwrite, pvd, told, say, draw)
 
 
 def resume(
@@ -50,7 +52,8 @@ def resume(
 
     Raises BadInput, Interrupted, SolverFailure.
     """
-    return job.resume(Path(folder), pvd, watch, say, _draw, trust)
+    with _drawing(watch, say) as (told, draw):
+        return job.resume(Path(folder), pvd, told, say, draw, trust)
 
 
 def resumed_as(folder: str | Path) -> Path:
@@ -58,13 +61,18 @@ def resumed_as(folder: str | Path) -> Path:
     return job.interrupted(Path(folder))[1]
 
 
-def _draw(run: Run, folder: Path, animated: bool, say: Say) -> dict[str, str]:
-    """Pictures of a run and, where something moves in it, its animations; {what is missing: why}."""
-    from flashtemp import viz
+@contextmanager
+def _drawing(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.Draw]]:
+    """What is told of the march, and what draws the pictures after it, by two processes where the march takes time."""
+    from flashtemp.viz.painter import Painter
 
-    say("drawing pictures")
-    _, missing = viz.draw_each(run, folder, animated=animated)
-    return dict(missing)
+    with Painter(wanted) as painter:
+
+        def draw(run: Run, folder: Path, animated: bool) -> dict[str, str]:
+            say("drawing pictures")
+            return dict(painter.draw(run, folder, animated))
+
+        yield painter.watching(watch), draw
 
 
 def open_fields(folder: str | Path) -> Fields:

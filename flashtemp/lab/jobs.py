@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flashtemp.runs.processes import interrupt
+from flashtemp.runs.processes import deaf, interrupt
 
 LOGS = ".flashtemp-lab"  # folder of the logs
 PACE = "0.5"  # s between lines of progress
@@ -82,8 +82,7 @@ class Jobs:
             out.flush()
             process = subprocess.Popen(
                 [sys.executable, "-m", "flashtemp", *words], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out,
-                stderr=subprocess.STDOUT, env=os.environ | {"FLASHTEMP_PROGRESS": PACE}, start_new_session=True,
-                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+                stderr=subprocess.STDOUT, env=os.environ | {"FLASHTEMP_PROGRESS": PACE}, **deaf(),
             )  # fmt: skip
         job = Job(tuple(words), log, process)
         self.all.insert(0, job)

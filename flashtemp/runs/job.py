@@ -23,7 +23,7 @@ from flashtemp.solver.run import Run
 
 EVERY = 30.0  # s of wall time between checkpoints; the first is left at once
 # pictures of a run into a folder, animated or not; returns {what is missing: why}
-Draw = Callable[[Run, Path, bool, Callable[[str], None]], dict[str, str]]
+Draw = Callable[[Run, Path, bool], dict[str, str]]
 
 
 def simulate(
@@ -33,7 +33,7 @@ def simulate(
     pvd: bool = False,
     watch: Callable[[Progress, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated, say: {},
+    draw: Draw = lambda run, folder, animated: {},
 ) -> Run:
     """March a case and, with `out`, leave a whole result folder there.
 
@@ -85,7 +85,7 @@ def resume(
     pvd: bool = False,
     watch: Callable[[Progress, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated, say: {},
+    draw: Draw = lambda run, folder, animated: {},
     trust: bool = False,
 ) -> Run:
     """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1.
@@ -134,7 +134,7 @@ def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
     missing = {}
     if case["output.pictures"] and not stopped.is_set():
         try:
-            missing = draw(run, work, case["output.animation"], say)
+            missing = draw(run, work, case["output.animation"])
         except KeyboardInterrupt:
             stopped.set()
     with stoppable():

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import subprocess
 from pathlib import Path
+from typing import Any
 
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 OTHERS = (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)  # what a lock says that another process holds
@@ -53,6 +55,17 @@ def _refused(lock: int, fault: OSError, wait: bool) -> None:
 def interrupt(process: int) -> None:
     """Ask a process that leads a group of its own for its end, as Ctrl-C does.  Raises ProcessLookupError."""
     os.kill(process, getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    allowed = getattr(os, "sched_getaffinity", None)  # macOS and Windows have none
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
+
+
+def deaf() -> dict[str, Any]:
+    """What a process is begun with, for subprocess.Popen, so that it does not hear this one's Ctrl-C."""
+    return {"start_new_session": True, "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
 
 
 def synced(path: Path) -> None:

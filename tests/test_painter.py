@@ -1,0 +1,140 @@
+"""Pictures drawn by two processes are those that one draws, whatever becomes of the second."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+import flashtemp
+import flashtemp.viz
+from flashtemp.runs import processes
+from flashtemp.viz import painter
+
+SMALL = {
+    "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.05, "schedule.repetitions": 2,
+    "schedule.wait": 1.0, "numerics.mesh": 0.3, "output.profiles": 6, "output.fields": 3,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few():
+    """Four pictures are enough."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            flashtemp.viz, "PICTURES", {k: flashtemp.viz.PICTURES[k] for k in ("profile", "friction", "budget")}
+        )
+        patch.setattr(flashtemp.viz, "ANIMATIONS", {"animation": "run_in"})
+        yield
+
+
+@pytest.fixture(scope="module")
+def run():
+    return flashtemp.simulate("cases/run_in", SMALL)
+
+
+@pytest.fixture(scope="module")
+def alone(run, tmp_path_factory):
+    """What one process draws: {name: bytes}."""
+    folder = tmp_path_factory.mktemp("alone")
+    _, missing = flashtemp.viz.draw_each(run, folder)
+    assert not missing
+    return contents(folder)
+
+
+@pytest.fixture
+def two(monkeypatch):
+    """A painter whose second process is awake from the first step of a march on."""
+    monkeypatch.setattr(painter, "AFTER", -1.0)
+    monkeypatch.setattr(processes, "cores", lambda: 2)
+    with painter.Painter(True) as both:
+        both.watching(None)(None, 1.0)
+        yield both
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """The names of what this process draws, slowly, so that the second one takes its share."""
+    drawn, mine = flashtemp.viz.drawn, []
+
+    def slowly(run, folder, picture):
+        mine.append(picture)
+        time.sleep(1.0)
+        return drawn(run, folder, picture)
+
+    monkeypatch.setattr(flashtemp.viz, "drawn", slowly)
+    return mine
+
+
+def contents(folder) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_both_draw_what_one_draws_to_the_byte(run, alone, two, slow, tmp_path):
+    assert two.draw(run, tmp_path, True) == {}
+    assert contents(tmp_path) == alone
+    assert 0 < len(slow) < len(flashtemp.viz.wanted())
+    assert len(set(slow)) == len(slow)
+    assert not hasattr(os, "getpgid") or os.getpgid(two._second.pid) != os.getpgid(0)  # it does not hear Ctrl-C
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_one_draws_all_where_the_second_is_killed(run, alone, two, slow, tmp_path, monkeypatch, late):
+    """Before it is asked, or with a picture in its hands: whatever it left behind is drawn once more."""
+    second = two._second
+    if late:
+        tell = painter._tell
+
+        def struck(stream, what):
+            tell(stream, what)
+            if isinstance(what, flashtemp.viz.Picture):
+                second.kill()
+
+        monkeypatch.setattr(painter, "_tell", struck)
+    else:
+        second.kill()
+    assert two.draw(run, tmp_path, True) == {}
+    assert alone.items() <= contents(tmp_path).items()
+    assert len(slow) == len(flashtemp.viz.wanted())
+
+
+def test_what_the_second_cannot_draw_is_told(run, two, tmp_path, monkeypatch):
+    (tmp_path / "run_in.gif").mkdir()  # no file can take this name
+    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *asked: (time.sleep(5.0), ([], {}))[1])
+    missing = two.draw(run, tmp_path, True)
+    assert missing.keys() == {"run_in.gif"}
+    assert "run_in.gif" in missing["run_in.gif"]
+
+
+def test_an_interrupt_ends_both_with_no_half_picture(run, two, tmp_path, monkeypatch):
+    def stopped(run, folder, picture):
+        time.sleep(1.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flashtemp.viz, "drawn", stopped)
+    with pytest.raises(KeyboardInterrupt), two:
+        two.draw(run, tmp_path, True)
+    assert two._second.poll() is not None
+    assert not [name for name in contents(tmp_path) if name.startswith(".")]
+
+
+def test_no_second_process_for_a_short_march_or_where_there_is_no_core_for_it(monkeypatch):
+    begun = []
+    monkeypatch.setattr(painter, "_begun", lambda: begun.append(True))
+    for several, cores, after in ((True, 2, 1e6), (True, 1, -1.0), (False, 2, -1.0)):
+        monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
+        monkeypatch.setattr(painter, "AFTER", after)
+        painter.Painter(several).watching(None)(None, 1.0)
+    assert not begun
+
+
+def test_a_second_process_that_cannot_load_is_done_without(run, alone, monkeypatch, tmp_path):
+    monkeypatch.setattr(painter, "AFTER", -1.0)
+    monkeypatch.setattr(processes, "cores", lambda: 2)
+    monkeypatch.setattr(painter, "__name__", "flashtemp.nowhere")
+    with painter.Painter(True) as both:
+        both.watching(None)(None, 1.0)
+        both._second.wait()
+        assert both.draw(run, tmp_path, True) == {}
+    assert contents(tmp_path) == alone

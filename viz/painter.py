@@ -1,0 +1,140 @@
+"""Pictures of a run by two processes: a second one loads what drawing needs during the march, and helps afterwards.
+
+`python -m flashtemp.viz.painter` is that process: a run, its folder and pictures come in, what was drawn goes out.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import IO, cast
+
+from flashtemp import viz
+from flashtemp.runs import processes
+from flashtemp.viz import Picture
+
+AFTER = 1.0  # s of march; a shorter run has drawn its pictures before a second process is awake
+LARGEST = 2**28  # bytes of a run's fields, which the second process holds again
+PATIENCE = 10.0  # s for the picture that it is at after Ctrl-C
+
+
+class Painter:
+    """Draws a run's pictures; with a second process where `watch` has been told of a march that takes time.
+
+    Where that process cannot be had, or fails, this one draws alone.
+    """
+
+    def __init__(self, several: bool):
+        self._may = several and processes.cores() > 1 and bool(sys.executable)
+        self._since = time.monotonic()
+        self._second: subprocess.Popen[bytes] | None = None
+        self._helping: threading.Thread | None = None
+
+    def __enter__(self) -> Painter:
+        return self
+
+    def __exit__(self, *fault) -> None:
+        if self._helping is not None:
+            self._helping.join(PATIENCE)
+        if self._second is not None:
+            _end(self._second)
+
+    def watching(self, watch: Callable | None) -> Callable:
+        """`watch`, if there is one, and an eye on how long the march takes."""
+
+        def told(progress, end: float) -> None:
+            if self._may and time.monotonic() - self._since > AFTER:
+                self._may, self._second = False, _begun()
+            if watch is not None:
+                watch(progress, end)
+
+        return told
+
+    def draw(self, run, folder: Path, animated: bool) -> dict[str, str]:
+        """Draw all that can be drawn; {what is missing: why}."""
+        pictures = viz.wanted(animated=animated)
+        left = deque(pictures)
+        answers: dict[Picture, tuple[list[Path], dict[str, str]]] = {}
+
+        def mine() -> None:
+            with suppress(IndexError):  # the other has taken the last one
+                while True:
+                    picture = left.popleft()
+                    answers[picture] = viz.drawn(run, folder, picture)
+
+        try:
+            if self._second is not None and run.field.nbytes <= LARGEST:
+                given = (self._second, (run, folder.absolute()), left, answers)
+                self._helping = threading.Thread(target=_shared, args=given, daemon=True)
+                self._helping.start()
+                mine()
+                self._helping.join()
+            mine()
+        finally:
+            left.clear()
+        return viz.together(answers[picture] for picture in pictures)[1]
+
+
+def _begun() -> subprocess.Popen[bytes] | None:
+    """The second process, which finds modules where this one does; None where none can be begun."""
+    command = [sys.executable, "-P", "-m", __name__]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    pipe, quiet = subprocess.PIPE, subprocess.DEVNULL
+    try:
+        return subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=quiet, **processes.deaf())
+    except OSError:
+        return None
+
+
+def _shared(second: subprocess.Popen[bytes], place: tuple, left: deque[Picture], answers: dict) -> None:
+    """Give the second process the run and its folder, and pictures from the end until none is left or it fails."""
+    there, back = cast(IO[bytes], second.stdin), cast(IO[bytes], second.stdout)
+    picture = None
+    try:
+        _tell(there, place)
+        while left:
+            picture = left.pop()
+            _tell(there, picture)
+            answers[picture] = pickle.load(back)
+            picture = None
+    except Exception:  # it was killed, or cannot load what this process can
+        if picture is not None:
+            left.append(picture)
+
+
+def _tell(stream, what) -> None:
+    pickle.dump(what, stream, protocol=pickle.HIGHEST_PROTOCOL)
+    stream.flush()
+
+
+def _end(second: subprocess.Popen[bytes]) -> None:
+    second.kill()
+    second.wait()
+    for pipe in (second.stdin, second.stdout):
+        with suppress(OSError):  # what was on its way
+            cast(IO[bytes], pipe).close()
+
+
+def serve() -> None:
+    """Load what drawing needs; then draw what comes until nothing more does."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    for module in {*viz.PICTURES, *viz.ANIMATIONS}:
+        import_module(f"flashtemp.viz.{module}")
+    with suppress(EOFError, BrokenPipeError):
+        run, folder = pickle.load(sys.stdin.buffer)
+        while True:
+            _tell(answers, viz.drawn(run, folder, pickle.load(sys.stdin.buffer)))
+
+
+if __name__ == "__main__":
+    serve()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 
 import pytest
@@ -54,49 +55,57 @@ def two(monkeypatch):
 
 
 @pytest.fixture
-def slow(monkeypatch):
-    """The names of what this process draws, slowly, so that the second one takes its share."""
-    drawn, mine = flashtemp.viz.drawn, []
+def mine(monkeypatch):
+    """What this process draws."""
+    drawn, seen = flashtemp.viz.drawn, []
 
-    def slowly(run, folder, picture):
-        mine.append(picture)
-        time.sleep(1.0)
-        return drawn(run, folder, picture)
+    def told(run, folder, picture):
+        answer = drawn(run, folder, picture)
+        seen.append(picture)
+        return answer
 
-    monkeypatch.setattr(flashtemp.viz, "drawn", slowly)
-    return mine
+    monkeypatch.setattr(flashtemp.viz, "drawn", told)
+    return seen
 
 
 def contents(folder) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_both_draw_what_one_draws_to_the_byte(run, alone, two, slow, tmp_path):
+def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, monkeypatch):
+    drawn = flashtemp.viz.drawn
+    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *asked: (drawn(*asked), time.sleep(1.0))[0])
     assert two.draw(run, tmp_path, True) == {}
     assert contents(tmp_path) == alone
-    assert 0 < len(slow) < len(flashtemp.viz.wanted())
-    assert len(set(slow)) == len(slow)
+    assert 0 < len(mine) < len(flashtemp.viz.wanted())
+    assert len(set(mine)) == len(mine)
     assert not hasattr(os, "getpgid") or os.getpgid(two._second.pid) != os.getpgid(0)  # it does not hear Ctrl-C
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_one_draws_all_where_the_second_is_killed(run, alone, two, slow, tmp_path, monkeypatch, late):
-    """Before it is asked, or with a picture in its hands: whatever it left behind is drawn once more."""
-    second = two._second
+def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_path, monkeypatch, late):
+    """Before it is asked, or with the last picture in its hands: whatever it left behind is drawn once more."""
+    second, tell, drawn = two._second, painter._tell, flashtemp.viz.drawn
+    others, asked = len(flashtemp.viz.wanted()) - 1, threading.Event()
+
+    def struck(stream, what):
+        if isinstance(what, flashtemp.viz.Picture):
+            asked.set()
+            while len(mine) < others:
+                time.sleep(0.1)
+            time.sleep(0.5)  # this process has seen that none is left
+            second.kill()
+            second.wait()
+        tell(stream, what)
+
     if late:
-        tell = painter._tell
-
-        def struck(stream, what):
-            tell(stream, what)
-            if isinstance(what, flashtemp.viz.Picture):
-                second.kill()
-
         monkeypatch.setattr(painter, "_tell", struck)
+        monkeypatch.setattr(flashtemp.viz, "drawn", lambda *what: (asked.wait(), drawn(*what))[1])
     else:
         second.kill()
     assert two.draw(run, tmp_path, True) == {}
     assert alone.items() <= contents(tmp_path).items()
-    assert len(slow) == len(flashtemp.viz.wanted())
+    assert len(mine) == len(flashtemp.viz.wanted())
 
 
 def test_what_the_second_cannot_draw_is_told(run, two, tmp_path, monkeypatch):

@@ -194,6 +194,19 @@ def test_what_a_turn_takes_along_is_continuous(lab):
     np.testing.assert_allclose(run.T_wake[k], run.T_ahead[k + 1][::-1], atol=0.05)
 
 
+def test_road_that_comes_again_is_as_smooth_where_the_window_ended_as_elsewhere(lab):
+    """Lifted and slid back at once, again and again: the older the wake, the colder, and what two passes left counts
+    alike on the mesh and on the track."""
+    given = {"effects": ["track_memory"], "track_memory__strength": 0.6, "road__track_length": 3.5}
+    turns = {"schedule__turn": 1, "schedule__repetitions": 4, "schedule__wait": 0.0, "schedule__distance": 0.1}
+    run = lab.case(**given, **turns, schedule__speed=V, numerics__mesh=0.5, output__profiles=200)
+    for repetition in (2, 3, 4):
+        one = run.repetition == repetition
+        comes = np.interp(np.linspace(1e-3, 0.06, 60), run.slid[one] - run.slid[one][0], run.T_ahead[one][:, 0])
+        assert comes[0] - 20.0 > 0.8 + 0.2 * repetition
+        assert np.all(np.diff(comes) < 0.0), repetition
+
+
 def test_a_run_in_block_that_is_slid_back_is_that_block_turned_round(lab):
     """Pressure at the start of sliding back on the profile that sliding forward has worn."""
     given = {

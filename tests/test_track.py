@@ -13,6 +13,7 @@ from flashtemp.model.case import load
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import Track, inflow, track_of
 from flashtemp.solver.march import march
+from flashtemp.solver.progress import Progress
 from flashtemp.solver.system import System
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -51,6 +52,21 @@ def test_old_heat_spreads_like_a_plane_source():
     age = 45.0
     exact = 0.2 * heat(column) / np.sqrt(K * RC * np.pi * age) * np.exp(-(depth**2) * RC / (4 * K * age))
     np.testing.assert_allclose(t.carried(age, 3.5), exact, atol=1e-3 * exact.max())
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-4])
+def test_columns_stand_where_no_step_ends(rtol):
+    """On whole multiples of the track's spacing but for the first: else another sequence of steps would show a lap later."""
+    case = load(
+        CASES / "run_in",
+        {"schedule.repetitions": 1, "schedule.distance": 0.3, "numerics.mesh": 0.4, "numerics.rtol": rtol},
+    )
+    now = Progress()
+    march(case.scene, case.settings, state=now)
+    places, spacing = np.array(now.track.place[1:]), now.track.apart
+    assert len(places) > 10
+    np.testing.assert_allclose(places / spacing, np.rint(places / spacing), atol=1e-6)
+    assert np.all(np.diff(places) > 0.9 * spacing)
 
 
 def test_lanes_mix_with_their_surroundings():

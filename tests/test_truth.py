@@ -6,6 +6,7 @@ It shares no solver, no closure and no camera arithmetic with flashtemp, so that
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,9 +72,12 @@ def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
 
 
 @pytest.mark.usefixtures("quiet")
-def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path):
-    """In the wake too, and from the first road of a repetition on, which lay around the block when that began."""
-    check_agrees(tmp_path, {"track_memory": 1.0}, SHORT, 1e-3, "[track_memory]\nstrength = 1.0\n")
+@pytest.mark.parametrize(("strength", "repetitions"), [(1.0, 2), (0.4, 3)])
+def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path, strength, repetitions):
+    """In the wake too, and from the first road of a repetition on, which lay around the block when that began; of what
+    came round twice a share of a share is left."""
+    test = replace(SHORT, repetitions=repetitions)
+    check_agrees(tmp_path, {"track_memory": strength}, test, 1e-3, f"[track_memory]\nstrength = {strength}\n")
 
 
 @pytest.mark.long

@@ -76,7 +76,7 @@ class Track:
         """Keep a column of rises that leaves at time t; it stands for `share` of the width.
 
         `column` (n_road n_across,), deepest cells first; in lanes its excess over road as it was `entering` is `lane`
-        times as large.  The `whole` width came in colder, where it came with lanes.
+        times as large.  Earlier passes left the `whole` width so much, whatever share of it effects let come round.
         """
         excess = column - entering
         self.place.append(place)
@@ -100,17 +100,15 @@ class Track:
         self.laid, self.laid_lane = ([self._amplitudes(a) for a in columns[::-1]] for columns in (whole, lanes))
 
     def comes(self, t: float, places, whole: bool = False) -> Incoming:
-        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)), off the track or from by the block.
-
-        Where it lay around the block at its start it is what it was `before` the block was on it.
+        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)): off the track or, around the block at
+        its start, as it lay there.
         """
         if not self.laid or np.min(places) > self.laid_place[-1]:
             return Incoming(self.carried(t, places, whole))
         lies = self.lies(t, places, whole)
         if np.max(places) <= self.laid_place[-1]:
-            return Incoming(0.0 * lies, before=lies)
-        around = places <= self.laid_place[-1]
-        return Incoming(np.where(around, 0.0, self.carried(t, places, whole)), before=np.where(around, lies, 0.0))
+            return Incoming(lies)
+        return Incoming(np.where(places <= self.laid_place[-1], lies, self.carried(t, places, whole)))
 
     def lies(self, t: float, places, whole: bool = False) -> np.ndarray:
         """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`."""
@@ -157,17 +155,14 @@ class Track:
         def here(at: tuple[int, ...]) -> np.ndarray:
             return np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
 
-        def mixed(at: tuple[int, ...], age: np.ndarray):
-            fade = np.exp(-age / self.lateral)[:, None, None]
-            return np.where(here(at), 0.0, _of(self.mean, at) + fade * _of(self.lane, at))
+        def carried(at: tuple[int, ...], age: np.ndarray):
+            fade, mean = np.exp(-age / self.lateral)[:, None, None], _of(self.mean, at)
+            return mean + np.where(here(at), -share * _of(self.own, at), fade * _of(self.lane, at))
 
         def own(at: tuple[int, ...], age: np.ndarray):
             return np.where(here(at), _of(self.own, at), 0.0)
 
-        def before(at: tuple[int, ...], age: np.ndarray):
-            return np.where(here(at), _of(self.mean, at) - share * _of(self.own, at), 0.0)
-
-        return Incoming(*(self._found(t, place, law) for law in (mixed, own, before)))
+        return Incoming(*(self._found(t, place, law) for law in (carried, own)))
 
     def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...], np.ndarray], np.ndarray]) -> np.ndarray:
         """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
@@ -195,7 +190,9 @@ class Track:
         """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
         ends = mesh.x[mesh.first] + mesh.x[mesh.last]
         place = [2.0 * slid - ends - s - self.lap for s in reversed(self.place)]
-        self.laid_place, self.laid_time, self.laid, self.laid_lane = [], [], [], []
+        self.laid_place = [2.0 * slid - ends - s for s in reversed(self.laid_place)]
+        for name in ("laid_time", "laid", "laid_lane"):
+            setattr(self, name, getattr(self, name)[::-1])
         kept = {name: getattr(self, name)[::-1] for name in ("time", "mean", "lane", "own")}
         around = slid - mesh.x[-1]  # the road around the block begins there
         n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.apart
@@ -203,7 +200,8 @@ class Track:
         for name, values in kept.items():
             setattr(self, name, values[:n])
         if n:  # the column that was to leave next is like the last one
-            self.place[0] = min(place[0], slid - mesh.x[0] - self.lap)
+            first = self.laid_place[-1] if self.laid_place else slid - mesh.x[0]
+            self.place[0] = min(place[0], first - self.lap)
         if 0 < n == len(place) and around - place[-1] > 3.0 * tiny:  # then road on which the block has never been
             for s in (place[-1] + tiny, around - tiny):
                 self.place.append(s)
@@ -230,7 +228,7 @@ def track_of(scene: Scene, lap: float | None) -> Track:
     film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
     whole, around = scene.schedule.distance * scene.schedule.repetitions, scene.mesh.x[-1] - scene.mesh.x[0]
     endless, lap = lap is None, lap or 1.0 + whole + 2.0 * around
-    apart = 0.1 * scene.length if endless else lap / 400
+    apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
@@ -269,6 +267,21 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
     column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
     lane = np.tile(system.lanes(now, y)[-1], scene.mesh.n_road)
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
-    entering, whole = (system.came_as(now, at, which)[0] - drift for which in (False, True))
+    entering, whole = system.came_as(now, at)[0] - drift, system.remembered(now, at, True)[0]
     track.leave(t, place, column - drift, entering, b.share, lane, whole)
     system.recent.forget()
+
+
+def pass_by(system: System, began: float, t: float, at: Callable[[float], np.ndarray], track: Track) -> None:
+    """Keep what left the window during a step from `began` to t, of which `at` is the state at a time.
+
+    Columns stand at whole multiples of the track's spacing: where steps happen to end must not show when they return.
+    """
+    if system.b.road_frame is not None or not track.place:
+        leave(system, t, at(t), track)
+        return
+    was, place = (system.moment(moment).passed - system.b.scene.mesh.x[-1] for moment in (began, t))
+    due = track.apart * np.floor(place / track.apart)
+    if due > max(was, track.place[-1]):
+        moment = began + (t - began) * (due - was) / (place - was)
+        leave(system, moment, at(moment), track, 0.5 * track.apart)

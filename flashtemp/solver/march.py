@@ -16,7 +16,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import limits
 from flashtemp.solver.balance import Balance
-from flashtemp.solver.circular_track import inflow, leave, remembers, track_of
+from flashtemp.solver.circular_track import inflow, pass_by, remembers, track_of
 from flashtemp.solver.cvode import Integrator, Tolerance
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record, record_times
@@ -131,14 +131,14 @@ def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: 
         if path is not None:
             path.append((t, y))
         while phase.end - t > tiny:
-            t, y = solver.step()
+            reached, (t, y) = t, solver.step()
             if path is not None:
                 path.append((t, y))
             while due and due[0][0] <= t + tiny:
                 at, frame = due.pop(0)
                 _keep(system, at, y if abs(at - t) <= tiny else solver.at(at), now, frame, settings)
             if now.track is not None and phase.sliding:
-                leave(system, t, y, now.track)
+                pass_by(system, reached, t, solver.at, now.track)
             now.t, now.y, now.steps = t, y, before + solver.steps
             limits.check(system, t, system.b.rise(y[: system.b.n]), hottest=settings.hottest)
             if stop():

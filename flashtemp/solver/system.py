@@ -22,12 +22,11 @@ from flashtemp.solver.recent import Latest
 class Incoming(NamedTuple):
     """What the entering road carries, rises (n_road n_across,) K: `carried` of earlier passes.
 
-    Where the block slides back over road that it has just left: heat of its lanes `back`, what it was `before`.
+    Where the block slides back over road that it has just left, heat of its lanes comes `back` beside that.
     """
 
     carried: np.ndarray
     back: np.ndarray | float = 0.0
-    before: np.ndarray | float = 0.0
 
 
 Inflow = Callable[..., Incoming]  # of a moment, and whether of the whole width instead of the lanes
@@ -83,9 +82,8 @@ class System:
         if self.inflow is None:
             T_in = self.b.no_inflow + drift
         else:
-            found = self.inflow(now, whole)
-            fresh = drift + 0.0 * found.carried + found.before
-            T_in = self.b.laws("road.inflow", fresh, None, now.seeing(carried=found.carried))
+            carried = self.inflow(now, whole).carried
+            T_in = self.b.laws("road.inflow", drift + 0.0 * carried, None, now.seeing(carried=carried))
         if now is recent.now:
             recent.entering[whole] = T_in
         return T_in
@@ -95,11 +93,22 @@ class System:
 
         Where the block slides back, those of the road that enters now.
         """
+        return self._behind(self.entering, now, behind, whole)
+
+    def remembered(self, now, behind: np.ndarray, whole: bool = False) -> np.ndarray:
+        """The rises of that road that earlier passes left, whatever share of them effects let come round."""
+        if self.inflow is None:
+            return np.zeros((len(behind), len(self.b.no_inflow)))
+        inflow = self.inflow
+        return self._behind(lambda when, how: inflow(when, how).carried, now, behind, whole)
+
+    def _behind(self, what: Callable[..., np.ndarray], now, behind: np.ndarray, whole: bool) -> np.ndarray:
+        """Something of the road that enters, for road (places, n_road n_across) that came in `behind` (m) ago."""
         if self.inflow is None or self.phase.turned > -np.inf:
-            return np.broadcast_to(self.entering(now, whole), (len(behind), len(self.b.no_inflow)))
+            return np.broadcast_to(what(now, whole), (len(behind), len(self.b.no_inflow)))
         if len(behind) == 0:
             return np.zeros((0, len(self.b.no_inflow)))
-        came = self.entering(now.seeing(passed=now.passed - behind[:, None]), whole)
+        came = what(now.seeing(passed=now.passed - behind[:, None]), whole)
         return np.broadcast_to(came, (len(behind), len(self.b.no_inflow)))
 
     def back(self, now) -> np.ndarray | float:

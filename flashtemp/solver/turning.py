@@ -55,20 +55,18 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     moment = system.moment(before.end)
     rise = balance.rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    entering, mean = (system.came_as(moment, behind, whole).reshape(road.shape) for whole in (False, True))
+    entering = system.came_as(moment, behind).reshape(road.shape)
     fresh = entering + 0.0 * road
     if now.track is not None and now.track.endless:
         now.track.forget()
     elif now.track is not None:
         lane = system.lanes(moment, y)[:, None]
         apart = (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
-        left, above = (
-            balance.laws("road.inflow", 0.0, None, moment._replace(carried=part * (road - entering)))
-            for part in (balance.share, apart)
-        )
-        fresh += left + above
-        place, drift = moment.passed - mesh.x_centre, moment.ambient - scene.ambient
-        now.track.lay(before.end, place, mean + left - drift, fresh - mean - left)
+        lanes, whole = (system.remembered(moment, behind, which).reshape(road.shape) for which in (False, True))
+        lanes, whole = lanes + (balance.share + apart) * (road - entering), whole + balance.share * (road - entering)
+        now.track.lay(before.end, moment.passed - mesh.x_centre, whole, lanes - whole)
+        drift = moment.ambient - scene.ambient
+        fresh = drift + balance.laws("road.inflow", 0.0, None, moment._replace(carried=lanes))
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy(rise)[everywhere]

@@ -359,6 +359,20 @@ def test_without_the_true_effect_no_other_is_named_for_sure(found):
 
 
 @pytest.mark.long
+def test_road_under_a_block_that_slides_to_and_fro_is_found_to_remember(tmp_path):
+    """Lifted and slid back at once: edges in the wake, and evidence that jumps with the steps, left this unexplained."""
+    given = {"schedule.turn": 1, "schedule.repetitions": 4, "schedule.distance": 0.2, "schedule.wait": 0.0}
+    given |= {"schedule.lifted": True, "road.track_length": 3.5, "numerics.mesh": 1.0}
+    lab = twin(load(CASE, given), Plan(("track_memory",), 3, conditions=1), tmp_path / "lab")
+    hidden = json.loads((lab / SEALED).read_text())["hidden"]["track_memory"]["strength"]
+    verdict, _ = discover.discover(campaign.load(lab))
+    assert (verdict.kind, [c.effect for c in verdict.causes]) == ("named", ["track_memory"])
+    [strength] = verdict.causes[0].parameters
+    assert abs(strength.value - hidden) < 3.0 * strength.stderr
+    assert strength.stderr < 0.005
+
+
+@pytest.mark.long
 def test_the_story_of_the_paper_ends_with_its_cause():
     """The ready case of ten repetitions: its peak was hidden with B = 2.037 and 4 mm (docs/paper_story.py)."""
     verdict, _ = discover.discover(campaign.load(CASE.parent / "paper_story"))

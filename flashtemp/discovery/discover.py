@@ -21,7 +21,7 @@ from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn
 from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.nuisances import GROUPS
-from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import Watch
@@ -275,7 +275,25 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
         out += _strange(final, view)
     if len(search.problem.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
-    return tuple(out)
+    return (*out, *_coarse(search))
+
+
+def _coarse(search: Search) -> list[str]:
+    """That no full fit came to an end since the mesh errs by more than columns of coarser ones can tell."""
+    fits = [(search.fits[names], names) for names in search.open_ends if names in search.fits]
+    errs = [
+        (max(abs(v) for p, v in adequacy.pulls(fit).items() if p.kind is Kind.MESH), " with ".join(sorted(names)))
+        for fit, names in fits
+        if not fit.hopeless
+    ]
+    worst, names = max(errs, default=(0.0, ""))
+    if worst < adequacy.PULL:
+        return []
+    mesh = search.problem.case["numerics.mesh"]
+    return [
+        f"numerics.mesh = {mesh:g} may be too coarse: a fit of {names} that came to no end has it err by {worst:.2g} "
+        f"standard deviations; try {2 * mesh:g}"
+    ]
 
 
 def _strange(fit: Fit, view: View) -> list[str]:

@@ -28,7 +28,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import calibration, discover, prediction, whitening, wording
 from flashtemp.discovery.linear_gaussian import System
-from flashtemp.discovery.parameters import SHIFTS, ParameterId
+from flashtemp.discovery.nuisances import GROUPS
+from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.searched import calibrate
 from flashtemp.discovery.verdict import KINDS
@@ -356,6 +357,24 @@ def test_without_the_true_effect_no_other_is_named_for_sure(found):
         assert (now.law["quantity"], now.law["argument"]) == ("pressure", "place")
         assert curve[len(curve) // 2] > max(curve[0], curve[-1])
     assert all(c["effect"] != "pressure_crown" for c in now.candidates)
+
+
+@pytest.mark.parametrize(("pull", "hopeless", "told"), [(4.3, False, True), (3.9, False, False), (4.3, True, False)])
+def test_a_mesh_that_keeps_a_fit_from_its_end_is_told(pull, hopeless, told):
+    """Not where the model misfits grossly, which drags everything."""
+    mesh = ParameterId(Kind.MESH, (2,))
+
+    class Solution(dict):
+        names = (mesh,)
+
+    priors = {mesh: (0.0, GROUPS[Kind.MESH])}
+    fit = SimpleNamespace(solution=Solution({mesh: -pull * GROUPS[Kind.MESH]}), priors=priors, hopeless=hopeless)
+    names, case = frozenset({"track_memory"}), {"numerics.mesh": 0.5}
+    search = SimpleNamespace(open_ends={names: 99.0}, fits={names: fit}, problem=SimpleNamespace(case=case))
+    said = discover._coarse(search)
+    assert len(said) == told
+    assert not told or said[0].startswith("numerics.mesh = 0.5 may be too coarse: a fit of track_memory")
+    assert not told or said[0].endswith("try 1")
 
 
 @pytest.mark.long

@@ -318,7 +318,7 @@ class Verdict(Shown):
         lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]
         if self.next_experiment:
             lines.append(f"  next: {self.next_experiment}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  note: {warning}" for warning in self.warnings)])
 
 
 def _cause(c: Cause) -> dict[str, Any]:

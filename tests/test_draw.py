@@ -122,6 +122,7 @@ def test_without_fields_the_other_pictures_are_drawn(case, tmp_path, capsys):
 def test_fields_of_a_run_whose_pictures_failed_lie_beside_its_checkpoint(case, tmp_path, monkeypatch):
     """Also where output.vtk = false keeps none in a result that is whole."""
     with monkeypatch.context() as m:
+        m.setattr("flashtemp.runs.processes.cores", lambda: 1)  # a second process would know nothing of what follows
         m.setattr("flashtemp.viz.field.draw", lambda run: 1 / 0)
         with pytest.raises(Incomplete, match=r"missing in .*field.png \(ZeroDivisionError: division by zero\)"):
             flashtemp.simulate(case, {"output.vtk": False, "output.animation": False}, out=tmp_path / "a")

@@ -531,11 +531,11 @@ def test_no_text_leaves_a_picture(kind, count):
         assert name in discovery.CAPTIONS
 
 
-@pytest.mark.long
 def test_warnings_are_printed_with_the_answer():
     assert str(verdict("named")).endswith("  note: wake_1.nc: the noise was <estimated> from the data.")
 
 
+@pytest.mark.long
 def test_files_are_named_by_what_they_show(tmp_path):
     paths = discovery.draw_all(verdict("named"), tmp_path)
     wanted = ["what_is_wrong.png", "not_noise.png", "missing.png", "why.png", "else.png", "gained.png"]

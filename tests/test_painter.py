@@ -108,24 +108,41 @@ def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_pat
     assert len(mine) == len(flashtemp.viz.wanted())
 
 
-def test_what_the_second_cannot_draw_is_told(run, two, tmp_path, monkeypatch):
+@pytest.fixture
+def asked(monkeypatch):
+    """An event: the second process has been asked for a picture."""
+    event, tell = threading.Event(), painter._tell
+
+    def told(stream, what):
+        tell(stream, what)
+        if isinstance(what, flashtemp.viz.Picture):
+            event.set()
+
+    monkeypatch.setattr(painter, "_tell", told)
+    return event
+
+
+def test_what_the_second_cannot_draw_is_told(run, two, asked, tmp_path, monkeypatch):
     (tmp_path / "run_in.gif").mkdir()  # no file can take this name
-    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *asked: (time.sleep(5.0), ([], {}))[1])
+    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *what: (asked.wait(), ([], {}))[1])
     missing = two.draw(run, tmp_path, True)
     assert missing.keys() == {"run_in.gif"}
     assert "run_in.gif" in missing["run_in.gif"]
 
 
-def test_an_interrupt_ends_both_with_no_half_picture(run, two, tmp_path, monkeypatch):
+def test_an_interrupt_leaves_nobody_who_draws_into_a_folder_that_gets_another_name(
+    run, two, asked, tmp_path, monkeypatch
+):
     def stopped(run, folder, picture):
-        time.sleep(1.0)
+        asked.wait()
         raise KeyboardInterrupt
 
     monkeypatch.setattr(flashtemp.viz, "drawn", stopped)
-    with pytest.raises(KeyboardInterrupt), two:
+    with pytest.raises(KeyboardInterrupt):
         two.draw(run, tmp_path, True)
+    assert contents(tmp_path).keys() == {"run_in.gif"}  # the picture that it was at is whole
+    two.__exit__()
     assert two._second.poll() is not None
-    assert not [name for name in contents(tmp_path) if name.startswith(".")]
 
 
 def test_no_second_process_for_a_short_march_or_where_there_is_no_core_for_it(monkeypatch):

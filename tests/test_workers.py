@@ -151,7 +151,7 @@ def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_p
 
 
 def test_as_many_as_there_are_cores(monkeypatch):
-    monkeypatch.setattr(workers.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(workers, "cores", lambda: 1)
     with crew(lambda n: n + 1) as run:  # could not be sent to another process
         assert run([1, 2]) == [2, 3]
 

@@ -37,14 +37,11 @@ class Painter:
         self._may = several and processes.cores() > 1 and bool(sys.executable)
         self._since = time.monotonic()
         self._second: subprocess.Popen[bytes] | None = None
-        self._helping: threading.Thread | None = None
 
     def __enter__(self) -> Painter:
         return self
 
     def __exit__(self, *fault) -> None:
-        if self._helping is not None:
-            self._helping.join(PATIENCE)
         if self._second is not None:
             _end(self._second)
 
@@ -71,16 +68,19 @@ class Painter:
                     picture = left.popleft()
                     answers[picture] = viz.drawn(run, folder, picture)
 
-        try:
-            if self._second is not None and run.field.nbytes <= LARGEST:
-                given = (self._second, (run, folder.absolute()), left, answers)
-                self._helping = threading.Thread(target=_shared, args=given, daemon=True)
-                self._helping.start()
-                mine()
-                self._helping.join()
+        if self._second is None or run.field.nbytes > LARGEST:
             mine()
-        finally:
-            left.clear()
+        else:
+            given = (self._second, (run, folder.absolute()), left, answers)
+            helping = threading.Thread(target=_shared, args=given, daemon=True)
+            helping.start()
+            try:
+                mine()
+                helping.join()
+                mine()
+            finally:  # nobody draws into the folder any more when it gets another name
+                left.clear()
+                helping.join(PATIENCE)
         return viz.together(answers[picture] for picture in pictures)[1]
 
 

@@ -280,18 +280,17 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
 
 def _coarse(search: Search) -> list[str]:
     """That no full fit came to an end since the mesh errs by more than columns of coarser ones can tell."""
-    fits = [(search.fits[names], names) for names in search.open_ends if names in search.fits]
-    errs = [
-        (max(abs(v) for p, v in adequacy.pulls(fit).items() if p.kind is Kind.MESH), " with ".join(sorted(names)))
-        for fit, names in fits
-        if not fit.hopeless
-    ]
-    worst, names = max(errs, default=(0.0, ""))
+    errs = []
+    for names in search.open_ends.keys() & search.fits.keys():
+        if not (fit := search.fits[names]).hopeless:
+            far = (abs(v) for p, v in adequacy.pulls(fit).items() if p.kind is Kind.MESH)
+            errs.append((max(far, default=0.0), " with ".join(sorted(names))))
+    worst, cause = max(errs, default=(0.0, ""))
     if worst < adequacy.PULL:
         return []
     mesh = search.problem.case["numerics.mesh"]
     return [
-        f"numerics.mesh = {mesh:g} may be too coarse: a fit of {names} that came to no end has it err by {worst:.2g} "
+        f"numerics.mesh = {mesh:g} may be too coarse: a fit of {cause} that came to no end has it err by {worst:.2g} "
         f"standard deviations; try {2 * mesh:g}"
     ]
 

@@ -175,8 +175,7 @@ class Scene:
     def moment(self, phase: Phase, t: float) -> Moment:
         """The schedule at time t within a phase."""
         s = self.schedule
-        since, slid = t - phase.start, s.slid(phase, t)
-        passed = phase.slid_before + slid
+        since, slid, passed = t - phase.start, s.slid(phase, t), s.passed(phase, t)
         if s.alone:
             return Moment(
                 t, 0.0, s.pressure(since), 0.0, since, 0.0, 0.0, False, self.ambient, phase.repetition, passed=passed

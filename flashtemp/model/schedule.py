@@ -232,6 +232,10 @@ class Schedule:
             return 0.0
         return self.speed.integral(t - phase.start) if phase.sliding else self.distance
 
+    def passed(self, phase: Phase, t: float) -> float:
+        """Distance slid since the first start of all repetitions, m."""
+        return phase.slid_before + self.slid(phase, t)
+
     def last_speed(self) -> float:
         """Speed just before a stop, m/s."""
         return 0.0 if self.alone else self.speed(self.slide_time)

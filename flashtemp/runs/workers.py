@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.runs.processes import cores
 
 PATIENCE = 2  # times that processes may be killed one after the other without an answer between
 KILLED = "a worker process was killed, perhaps for memory; give fewer --workers"
@@ -26,7 +27,7 @@ def attempt(function: Callable, task: Any) -> Any:
 def crew(function: Callable, workers: int | None = None, scheduler: str | None = None) -> Iterator[Callable]:
     """A function that maps `function` over a list of tasks, in order.
 
-    `workers` processes, as many as the machine has cores when not given; failures of a computation come back
+    `workers` processes, as many as there are cores for this one when not given; failures of a computation come back
     as answers.  Raises BadInput when the scheduler cannot be reached, SolverFailure when a process is killed.
     """
     if scheduler is not None:
@@ -86,10 +87,10 @@ def stream(
 
 
 def _hands(workers: int | None) -> int:
-    """How many processes: as many as the machine has cores when not given."""
+    """How many processes: as many as there are cores for this one when not given."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers: {workers}; give at least 1")
-    return workers or os.cpu_count() or 1
+    return workers or cores()
 
 
 @contextmanager

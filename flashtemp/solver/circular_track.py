@@ -280,7 +280,8 @@ def pass_by(system: System, began: float, t: float, at: Callable[[float], np.nda
     if system.b.road_frame is not None or not track.place:
         leave(system, t, at(t), track)
         return
-    was, place = (system.moment(moment).passed - system.b.scene.mesh.x[-1] for moment in (began, t))
+    scene = system.b.scene
+    was, place = (scene.schedule.passed(system.phase, moment) - scene.mesh.x[-1] for moment in (began, t))
     due = track.apart * np.floor(place / track.apart)
     if due > max(was, track.place[-1]):
         moment = began + (t - began) * (due - was) / (place - was)

@@ -78,15 +78,18 @@ class System:
         recent = self.recent
         if now is recent.now and whole in recent.entering:
             return recent.entering[whole]
-        drift = now.ambient - self.b.scene.ambient
         if self.inflow is None:
-            T_in = self.b.no_inflow + drift
+            T_in = self.b.no_inflow + now.ambient - self.b.scene.ambient
         else:
-            carried = self.inflow(now, whole).carried
-            T_in = self.b.laws("road.inflow", drift + 0.0 * carried, None, now.seeing(carried=carried))
+            T_in = self.met(now, self.inflow(now, whole).carried)
         if now is recent.now:
             recent.entering[whole] = T_in
         return T_in
+
+    def met(self, now, carried: np.ndarray) -> np.ndarray:
+        """Rise of road as the block meets it, of which earlier passes left `carried`: what effects let come round."""
+        drift = now.ambient - self.b.scene.ambient
+        return self.b.laws("road.inflow", drift + 0.0 * carried, None, now.seeing(carried=carried))
 
     def came_as(self, now, behind: np.ndarray, whole: bool = False) -> np.ndarray:
         """Rises (places, n_road n_across) of road `behind` (m) the window's edge, had it met no block since it came.

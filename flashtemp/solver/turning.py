@@ -62,11 +62,11 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     elif now.track is not None:
         lane = system.lanes(moment, y)[:, None]
         apart = (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
+        excess = road - entering
         lanes, whole = (system.remembered(moment, behind, which).reshape(road.shape) for which in (False, True))
-        lanes, whole = lanes + (balance.share + apart) * (road - entering), whole + balance.share * (road - entering)
+        lanes, whole = lanes + (balance.share + apart) * excess, whole + balance.share * excess
         now.track.lay(before.end, moment.passed - mesh.x_centre, whole, lanes - whole)
-        drift = moment.ambient - scene.ambient
-        fresh = drift + balance.laws("road.inflow", 0.0, None, moment._replace(carried=lanes))
+        fresh = system.met(moment, lanes)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy(rise)[everywhere]

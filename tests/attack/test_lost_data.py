@@ -184,6 +184,7 @@ def test_a_picture_that_fails_costs_the_picture(case, tmp_path, monkeypatch, cap
 
     monkeypatch.setattr("flashtemp.viz.PICTURES", {"profile": "profile", "budget": "budget", "friction": "friction"})
     with monkeypatch.context() as m:
+        m.setattr("flashtemp.runs.processes.cores", lambda: 1)  # a second process would know nothing of what follows
         m.setattr("flashtemp.viz.budget.draw", broken)
         assert (
             main(["run", str(case), "output.pictures=true", "output.animation=false", "--out", str(tmp_path / "a")])

@@ -47,10 +47,10 @@ def result(case, tmp_path_factory):
     return flashtemp.simulate(case, out=out, pvd=True), out
 
 
-@pytest.mark.parametrize("across", [0, 6])
-def test_what_is_read_back_is_the_run(case, tmp_path, across):
+@pytest.mark.parametrize("more", [{}, {"numerics.across": 6}, {"schedule.turn": 1}], ids=["2D", "3D", "back"])
+def test_what_is_read_back_is_the_run(case, tmp_path, more):
     out = tmp_path / "a"
-    run = flashtemp.simulate(case, {"output.pictures": False} | ({"numerics.across": 6} if across else {}), out=out)
+    run = flashtemp.simulate(case, {"output.pictures": False} | more, out=out)
     _, again = open_run(out)
     assert again.statistics.keys() == run.statistics.keys()
     assert again.summary == json.loads((out / "summary.json").read_text())
@@ -68,6 +68,9 @@ def test_what_is_read_back_is_the_run(case, tmp_path, across):
         "sliding",
     ):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name), err_msg=name)
+    for name in ("direction", "T_ahead"):
+        assert (getattr(run, name) is None) == ("schedule.turn" not in more)
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     for name in ("maps", "energy"):
         assert getattr(again, name).keys() == getattr(run, name).keys()
         for key, values in getattr(run, name).items():

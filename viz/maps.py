@@ -44,7 +44,7 @@ def draw(run) -> Figure:
     _labels(axes, run, len(frames))
     bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.DEGREE})", pad=0.015, aspect=9 * rows)
     bar.outline.set_linewidth(0.4)
-    fig.supxlabel(textwrap.fill(_caption(run, [i for _, i in frames]), 142), x=0.01, ha="left", fontsize=7.0)
+    fig.supxlabel(textwrap.fill(_caption(run, [i for _, i in frames]), 134), x=0.01, ha="left", fontsize=7.0)
     return fig
 
 

@@ -18,6 +18,7 @@ from flashtemp.solver.run import Run
 
 PROFILES = ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")
 TIMES = ("time", "repetition", "slid", "tilt", "friction")
+BACK = ("direction", "T_ahead")  # of a run that slides back at times
 
 
 def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
@@ -46,6 +47,7 @@ def _without_fields(folder: Path, case: cases.Case) -> Run:
     if ds.x.shape != mesh.x_block.shape or not np.allclose(ds.x, mesh.x_block, rtol=1e-9):
         raise BadInput(f"{folder}: run.nc has another mesh than case.toml gives today; run the case anew")
     profiles: dict[str, Any] = {name: ds[name].values for name in (*PROFILES, *TIMES)}
+    profiles |= {name: ds[name].values for name in BACK if name in ds}
     energy = {str(n).removeprefix("energy_"): ds[n].values for n in ds.data_vars if str(n).startswith("energy_")}
     maps = {str(n).removesuffix("_map"): ds[n].values for n in ds.data_vars if str(n).endswith("_map")}
     run = Run(

@@ -99,8 +99,7 @@ def fluxes(scene, rise):
     """Fluxes and temperatures of the contact at the end of the schedule."""
     system = System(Balance(scene), scene.schedule.phases[-1])
     now = system.moment(scene.schedule.end)
-    T_in = system.entering(now)
-    return system.interface.contact(now, 0.0, rise, T_in, system.b.ones).flux
+    return system.interface.contact(now, 0.0, rise, system.road(now), system.b.ones).flux
 
 
 def column(cells, height, first, refine=1):

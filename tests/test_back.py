@@ -207,6 +207,21 @@ def test_road_that_comes_again_is_as_smooth_where_the_window_ended_as_elsewhere(
         assert np.all(np.diff(comes) < 0.0), repetition
 
 
+def test_where_the_window_ends_does_not_matter_to_lanes_that_come_back_at_once(lab):
+    """They widen on the track as they do within the window."""
+    given = {
+        "effects": ["track_memory"],
+        "road__track_length": 3.5,
+        "contact__spot_fraction": 0.2,
+        "schedule__speed": V,
+    }
+    turns = {"schedule__turn": 1, "schedule__repetitions": 3, "schedule__wait": 0.0, "schedule__distance": 0.1}
+    near, far = (lab.case(**given, **turns, numerics__mesh=1.0, road__downstream=way) for way in (0.01, 0.035))
+    rise = near.T_spot.max() - 20.0
+    print(f"{np.abs(near.T_spot - far.T_spot).max():.3f} K of {rise:.2f} K")
+    np.testing.assert_allclose(near.T_spot, far.T_spot, atol=0.03 * rise)
+
+
 def test_a_run_in_block_that_is_slid_back_is_that_block_turned_round(lab):
     """Pressure at the start of sliding back on the profile that sliding forward has worn."""
     given = {

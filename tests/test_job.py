@@ -185,7 +185,11 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
         resume(tmp_path / "out")
     case.write_text(text)
     checkpoint = tmp_path / "out.partial" / job.CHECKPOINT
-    checkpoint.write_bytes(checkpoint.read_bytes()[:500])
+    whole = checkpoint.read_bytes()
+    checkpoint.write_bytes(whole.replace(b"checkpoint 3", b"checkpoint 2", 1))
+    with pytest.raises(flashtemp.BadInput, match="another version of flashtemp"):
+        resume(tmp_path / "out")
+    checkpoint.write_bytes(whole[:500])
     with pytest.raises(flashtemp.BadInput, match="damaged"):
         resume(tmp_path / "out")
 

@@ -158,7 +158,7 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     system = System(Balance(scene), scene.schedule.phases[0])
     rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
-    met = system.interface.contact(system.moment(0.5), np.zeros(20), rise, np.zeros(mesh.n_road), system.b.ones)
+    met = system.interface.contact(system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones)
     lifted = met.press.pressure == 0
     assert 3 < lifted.sum() < 17
     into_road = np.abs(met.flux.into_road)

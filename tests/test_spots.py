@@ -126,7 +126,7 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     run, rise = lab.slide(scene, rtol=1e-4)
     system = System(Balance(scene), scene.schedule.phases[-1])
     now = system.moment(scene.schedule.end)
-    state, _, flux, _ = system.interface.contact(now, 0.0, rise, system.entering(now), system.b.ones)
+    state, _, flux, _ = system.interface.contact(now, 0.0, rise, system.road(now), system.b.ones)
     spot = np.sum(state.phi * flux.spot) / np.sum(state.phi) - scene.ambient
     mean = np.mean(run.T_block[-1]) - run.ambient_degC
     q, period = 1e5 * speed / phi, D / phi / speed

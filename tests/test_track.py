@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from truth.asperities import kept
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.model.case import load
+from flashtemp.solver import lanes
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.circular_track import Track, inflow, track_of
 from flashtemp.solver.march import march
 from flashtemp.solver.progress import Progress
-from flashtemp.solver.system import System
+from flashtemp.solver.system import Incoming, System
 
 CASES = Path(__file__).parents[1] / "cases"
 
@@ -23,8 +25,8 @@ EDGES = geometric(0.3, 1e-5, 90)
 DZ = np.diff(EDGES)[::-1]
 
 
-def track(film=0.0, lateral=0.85) -> Track:
-    return Track(3.5, DZ, K, RC, film, lateral)
+def track(film=0.0, share=1.0) -> Track:
+    return Track(3.5, DZ, K, RC, film, share)
 
 
 def heat(column) -> float:
@@ -37,8 +39,8 @@ def test_mean_heat_is_kept_until_the_next_pass(share):
     depth = 0.5 * (EDGES[1:] + EDGES[:-1])[::-1]
     column = 30.0 * np.exp(-depth / 3e-4)
     for age in (20.0, 100.0, 1000.0):
-        t = track()
-        t.leave(5.0, 0.2, column, 0.0 * column, share)
+        t = track(share=share)
+        t.leave(5.0, 0.2, column)
         back = t.carried(5.0 + age, 3.7)
         assert heat(back) == pytest.approx(share * heat(column), rel=1e-9)
 
@@ -47,8 +49,8 @@ def test_old_heat_spreads_like_a_plane_source():
     """E/(e sqrt(pi t)) exp(-z^2/(4 D t)) once all depths of the column are forgotten."""
     depth = 0.5 * (EDGES[1:] + EDGES[:-1])[::-1]
     column = 30.0 * np.exp(-depth / 1e-4)
-    t = track()
-    t.leave(0.0, 0.0, column, 0.0 * column, 0.2)
+    t = track(share=0.2)
+    t.leave(0.0, 0.0, column)
     age = 45.0
     exact = 0.2 * heat(column) / np.sqrt(K * RC * np.pi * age) * np.exp(-(depth**2) * RC / (4 * K * age))
     np.testing.assert_allclose(t.carried(age, 3.5), exact, atol=1e-3 * exact.max())
@@ -69,18 +71,37 @@ def test_columns_stand_where_no_step_ends(rtol):
     assert np.all(np.diff(places) > 0.9 * spacing)
 
 
-def test_lanes_mix_with_their_surroundings():
-    column = np.full(len(DZ), 8.0)
-    t = track(lateral=2.0)
-    t.leave(0.0, 0.0, column, 0.0 * column, 0.25)
-    for age in (0.0, 1.0, 4.0):
-        assert t.carried(age, 3.5)[-1] == pytest.approx(2.0 + 6.0 * np.exp(-age / 2.0), rel=1e-9)
+@pytest.mark.parametrize("fraction", [0.1, 0.2])
+def test_lanes_mix_with_their_surroundings(fraction):
+    """Heat that came in at once, against discs thrown at random on a plane, whose heat spreads between them."""
+    given = {"numerics.mesh": 1.0, "contact.spot_fraction": fraction, "ambient.convection": 0.0}
+    case = load(CASES / "run_in", given)
+    b, diameter, D = Balance(case.scene), case.scene.spot_diameter, case.scene.road.diffusivity
+    mesh, t = case.scene.mesh, track_of(b, 3.5)
+    phase = case.scene.schedule.phases[0]
+    depth, young = 0.5 * (mesh.depth[1:] + mesh.depth[:-1])[::-1], 1e-2
+    t.leave(0.0, 0.0, 100.0 * np.exp(-(depth**2) / (4 * D * young)))
+    asked = System(b, phase, lambda now: Incoming(t.carried(now.t, 3.5)))
+    for age in (0.5, 1.0, 3.0, 10.0, 30.0):
+        now = asked.moment(phase.begin)._replace(t=age)
+        road = asked.road(now)
+        state = asked.interface.state(now, np.full(len(b.cell_road), now.pressure))
+        T = np.zeros(b.n)
+        mesh.planes(T)[mesh.road] = road[0].reshape(mesh.n_road, 1)
+        found = lanes.rises(b, state, T, road)
+        at_depth = lanes.entered(b, asked.interface.loss_at_depth(state, now), road)
+        share, rise = kept(fraction, diameter, D, age + young), road[1, -1]
+        print(
+            f"{age:g} s: {found[0] / rise:.4f}, of discs {share:.4f}; at half the first cell {at_depth[-1, 0] / rise:.4f}"
+        )
+        assert abs(found[0] / rise - share) < 0.02 * (1.0 - fraction)
+        assert abs(at_depth[-1, 0] / rise - share) < 0.02 * (1.0 - fraction)
 
 
 def test_air_takes_heat_from_the_open_road():
     column = np.full(len(DZ), 8.0)
     t = track(film=20.0)
-    t.leave(0.0, 0.0, column, 0.0 * column, 1.0)
+    t.leave(0.0, 0.0, column)
     kept = [heat(t.carried(age, 3.5)) for age in (0.0, 10.0, 100.0)]
     assert kept[0] > kept[1] > kept[2] > 0
     assert heat(column) - kept[1] == pytest.approx(20.0 * 8.0 * 10.0, rel=0.1)
@@ -89,8 +110,8 @@ def test_air_takes_heat_from_the_open_road():
 def test_only_what_has_passed_comes_round():
     column = np.full(len(DZ), 8.0)
     t = track()
-    t.leave(0.0, 1.0, column, 0.0 * column, 1.0)
-    t.leave(1.0, 1.1, 2 * column, 0.0 * column, 1.0)
+    t.leave(0.0, 1.0, column)
+    t.leave(1.0, 1.1, column, before=column)
     assert not t.carried(5.0, 3.5 + 0.9).any()
     assert t.carried(1.0, 3.5 + 1.05)[0] == pytest.approx(12.0)
     assert not t.carried(5.0, 1.05).any()
@@ -132,15 +153,13 @@ def test_road_that_enters_is_that_of_its_own_moment():
     """A system answers the same whatever it was asked before, of one place and of many."""
     case = load(CASES / "run_in", {"numerics.mesh": 0.4})
     b, phase = Balance(case.scene), case.scene.schedule.phases[2]
-    t = replace(track_of(case.scene, 3.5), place=[0.3, 0.9, 1.6], time=[3.0, 9.0, 16.0])
-    rng = np.random.default_rng(0)
-    for name in ("mean", "lane", "own"):
-        setattr(t, name, list(rng.normal(0.0, 1e3, (3, len(t.dz), 1))))
+    t = replace(track_of(b, 3.5), place=[0.3, 0.9, 1.6], time=[3.0, 9.0, 16.0])
+    t.left = list(np.random.default_rng(0).normal(0.0, 1e3, (3, len(t.dz), 1)))
     asked = System(b, phase, inflow(b, phase, t))
     for at in (46.0, 55.0, 46.0, 62.0):
         fresh = System(b, phase, inflow(b, phase, t))
         assert np.array_equal(asked.entering(asked.moment(at)), fresh.entering(fresh.moment(at)))
     now, behind = asked.moment(62.0), np.array([0.0, 0.011, 0.03, 0.5, 1.1])
     rows = [asked.entering(now._replace(passed=now.passed - way)) for way in behind]
-    np.testing.assert_allclose(asked.came_as(now, behind), rows, rtol=1e-14)
+    np.testing.assert_allclose(asked.came_as(now, behind)[:, 0], rows, rtol=1e-14)
     assert np.ptp(rows, axis=0).max() > 0.1

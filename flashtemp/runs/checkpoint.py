@@ -23,6 +23,7 @@ from flashtemp.solver.progress import Progress
 
 CHECKPOINT, FRAMES, RESERVE = "checkpoint.h5", "frames.bin", "reserve.bin"
 HEAD = 512  # bytes before the HDF5 image (a user block, which HDF5 passes over): what it is, and its checksum
+MADE = b"flashtemp checkpoint 3, "  # what a head begins with; another number where other things are kept
 SPARE = 1 << 18  # bytes, beside twice the last checkpoint, that are kept free for one when the disk is full
 
 
@@ -70,7 +71,7 @@ def _image(work: Path, p: Progress) -> bytes:
 
 
 def _head(image: bytes) -> bytes:
-    return f"flashtemp checkpoint 2, sha256 of what follows: {hashlib.sha256(image).hexdigest()}\n".encode().ljust(HEAD)
+    return MADE + f"sha256 of what follows: {hashlib.sha256(image).hexdigest()}\n".encode().ljust(HEAD - len(MADE))
 
 
 def _write(work: Path, image: bytes) -> None:
@@ -102,6 +103,8 @@ def load(work: Path) -> Progress:
     file = work / CHECKPOINT
     try:
         data = file.read_bytes()
+        if data.startswith(MADE[:-3]) and not data.startswith(MADE):
+            raise BadInput(f"--resume: {file} was written by another version of flashtemp; start the run anew")
         if data[:HEAD] != _head(data[HEAD:]):
             raise BadInput(f"--resume: {file} is damaged; start the run anew")
         with h5py.File(io.BytesIO(data[HEAD:])) as held:

@@ -118,4 +118,4 @@ def _returning(scene: Scene, phase: Any):
     cold = np.zeros(mesh.n_road * mesh.n_across)
     again = len(schedule.directions) > 1 and phase.slid_before > 0.0
     lap = schedule.lap or np.inf
-    return lambda now, whole=False: Incoming(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))
+    return lambda now: Incoming(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))

@@ -19,25 +19,15 @@ from flashtemp.physics.effect import Heat
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.system import Incoming, Inflow, System
 
-COLUMNS = (
-    "place",
-    "time",
-    "mean",
-    "lane",
-    "own",
-    "laid_place",
-    "laid_time",
-    "laid",
-    "laid_lane",
-)  # what a track remembers
+COLUMNS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # what a track remembers
 
 
 @dataclass
 class Track:
     """Columns of road by their place on the track (m, unwrapped): behind the block, and around it at its last start.
 
-    `lap` track length (m), `film` surface heat-transfer coefficient W/m2K, `lateral` time constant
-    (s) with which a lane mixes with its surroundings (theory 1.5).
+    `lap` track length (m), `film` surface heat-transfer coefficient W/m2K, `share` of the width for which a column
+    stands.  A column keeps all heat that lanes took there: how far that has widened follows from its depth (theory 2a).
     """
 
     lap: float
@@ -45,19 +35,17 @@ class Track:
     conductivity: float
     volumetric_capacity: float
     film: float
-    lateral: float
+    share: float = 1.0
     planes: int = 1  # across the direction of sliding
     apart: float = 0.0  # m between columns at least
     endless: bool = False  # nothing comes round
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
-    mean: list = field(default_factory=list)  # modal amplitudes of the mean over lanes and gaps
-    lane: list = field(default_factory=list)  # of the lanes' excess over that mean
-    own: list = field(default_factory=list)  # of the column's excess over the road that entered
+    left: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
+    own: list = field(default_factory=list)  # of what the block has left since it was put there
     laid_place: list = field(default_factory=list)  # rising
     laid_time: list = field(default_factory=list)
-    laid: list = field(default_factory=list)  # modal amplitudes of the mean
-    laid_lane: list = field(default_factory=list)  # of the lanes' excess over that mean
+    laid: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
 
     def __post_init__(self):
         half = self.dz / (2 * self.conductivity)
@@ -72,45 +60,41 @@ class Track:
         self.rates, self.modes = eigh_tridiagonal(diagonal / capacity, -g / (self.root[1:] * self.root[:-1]))
         self.rates = np.maximum(self.rates, 0.0)
 
-    def leave(self, t: float, place: float, column, entering, share: float, lane=1.0, whole=None) -> None:
-        """Keep a column of rises that leaves at time t; it stands for `share` of the width.
-
-        `column` (n_road n_across,), deepest cells first; in lanes its excess over road as it was `entering` is `lane`
-        times as large.  Earlier passes left the `whole` width so much, whatever share of it effects let come round.
+    def leave(self, t: float, place: float, own, before=0.0) -> None:
+        """Keep a column that leaves at time t: rises (n_road n_across,), deepest cells first, that the block has left
+        now on its `own`, and those that are there of passes `before`, whatever share of them effects let come round.
         """
-        excess = column - entering
         self.place.append(place)
         self.time.append(t)
-        self.mean.append(self._amplitudes((entering if whole is None else whole) + share * excess))
-        self.lane.append(self._amplitudes((lane - share) * excess))
-        self.own.append(self._amplitudes(excess))
+        self.own.append(self._amplitudes(own))
+        self.left.append(self._amplitudes(before + own))
 
     def forget(self) -> None:
         """The block was lifted and starts elsewhere."""
         for name in COLUMNS:
             setattr(self, name, [])
 
-    def lay(self, t: float, place: np.ndarray, whole: np.ndarray, lanes: np.ndarray) -> None:
-        """Keep rises (places, n_road, n_across) of the road around the block that starts at t: of the `whole` width,
-        and what `lanes` lie above that.
+    def lay(self, t: float, place: np.ndarray, left: np.ndarray) -> None:
+        """Keep rises (places, n_road, n_across) that all passes `left` in columns of the road around the block that
+        starts at t.
 
         `place` (places,) falls: it is that of lines from the leading edge on.
         """
         self.laid_place, self.laid_time = list(place[::-1]), [t] * len(place)
-        self.laid, self.laid_lane = ([self._amplitudes(a) for a in columns[::-1]] for columns in (whole, lanes))
+        self.laid = [self._amplitudes(column) for column in left[::-1]]
 
-    def comes(self, t: float, places, whole: bool = False) -> Incoming:
+    def comes(self, t: float, places) -> Incoming:
         """Road that comes in at `places` (m, unwrapped; a number or (places, 1)): off the track or, around the block at
         its start, as it lay there.
         """
         if not self.laid or np.min(places) > self.laid_place[-1]:
-            return Incoming(self.carried(t, places, whole))
-        lies = self.lies(t, places, whole)
+            return Incoming(self.carried(t, places))
+        lies = self.lies(t, places)
         if np.max(places) <= self.laid_place[-1]:
             return Incoming(lies)
-        return Incoming(np.where(places <= self.laid_place[-1], lies, self.carried(t, places, whole)))
+        return Incoming(np.where(places <= self.laid_place[-1], lies, self.carried(t, places)))
 
-    def lies(self, t: float, places, whole: bool = False) -> np.ndarray:
+    def lies(self, t: float, places) -> np.ndarray:
         """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`."""
         ways, last = np.ravel(places).tolist(), len(self.laid) - 1
         after = [min(max(bisect_left(self.laid_place, way), 1), last) for way in ways]
@@ -118,53 +102,34 @@ class Track:
         low, high = (np.array([self.laid_place[k] for k in at]) for at in (before, after))
         w = np.minimum(np.maximum((ways - low) / (high - low), 0.0), 1.0)[:, None, None]
         age = np.maximum(t - np.array([self.laid_time[k] for k in after]), 0.0)
-        apart = 0.0 if whole else np.exp(-age / self.lateral)[:, None, None]
-        total = sum(
-            part * (_of(self.laid, at) + apart * _of(self.laid_lane, at))
-            for at, part in ((before, 1.0 - w), (after, w))
-        )
+        total = (1.0 - w) * _of(self.laid, before) + w * _of(self.laid, after)
         total = np.exp(-self.rates * age[:, None])[:, :, None] * total
-        rise: np.ndarray = self.modes @ total / self.root[:, None]
+        rise: np.ndarray = self.share * (self.modes @ total) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
 
     def _amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
         return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
-    def carried(self, t: float, places, whole: bool = False) -> np.ndarray:
-        """Rise (n_road n_across,) in K of the road at `places` (m, unwrapped) coming round one lap later.
-
-        Where the spots are, which the road holds: their lanes have not spread altogether; or of the `whole` width.
-        Of `places` (places, 1) that many rows.
+    def carried(self, t: float, places) -> np.ndarray:
+        """Rise (n_road n_across,) in K, over lanes and gaps, of the road at `places` (m, unwrapped) coming round a lap
+        later; of `places` (places, 1) that many rows.
         """
-        apart = 0.0 if whole else 1.0
+        return self._found(t, places, lambda at: self.share * _of(self.left, at))
 
-        def amplitude(at: tuple[int, ...], age: np.ndarray) -> np.ndarray:
-            fade = apart * np.exp(-age / self.lateral)
-            mixed: np.ndarray = _of(self.mean, at) + fade[:, None, None] * _of(self.lane, at)
-            return mixed
+    def back(self, t: float, place: float, since: float, turned: float) -> Incoming:
+        """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s)."""
 
-        return self._found(t, places, amplitude)
+        def own(at: tuple[int, ...]) -> np.ndarray:
+            here = np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
+            return np.where(here, _of(self.own, at), 0.0)
 
-    def back(self, t: float, place: float, since: float, turned: float, share: float) -> Incoming:
-        """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s).
-
-        Its lanes widen as long as they are under the block: those of road that comes back are what they were.
-        """
-
-        def here(at: tuple[int, ...]) -> np.ndarray:
-            return np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
-
-        def carried(at: tuple[int, ...], age: np.ndarray):
-            fade, mean = np.exp(-age / self.lateral)[:, None, None], _of(self.mean, at)
-            return mean + np.where(here(at), -share * _of(self.own, at), fade * _of(self.lane, at))
-
-        def own(at: tuple[int, ...], age: np.ndarray):
-            return np.where(here(at), _of(self.own, at), 0.0)
+        def carried(at: tuple[int, ...]) -> np.ndarray:
+            return self.share * (_of(self.left, at) - own(at))
 
         return Incoming(*(self._found(t, place, law) for law in (carried, own)))
 
-    def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...], np.ndarray], np.ndarray]) -> np.ndarray:
+    def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
         """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
@@ -172,7 +137,7 @@ class Track:
         at, weight = zip(*first, *then, strict=True)
         age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
         fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
-        parts = fade[:, :, None] * amplitude(at, age)
+        parts = fade[:, :, None] * amplitude(at)
         rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
 
@@ -191,9 +156,8 @@ class Track:
         ends = mesh.x[mesh.first] + mesh.x[mesh.last]
         place = [2.0 * slid - ends - s - self.lap for s in reversed(self.place)]
         self.laid_place = [2.0 * slid - ends - s for s in reversed(self.laid_place)]
-        for name in ("laid_time", "laid", "laid_lane"):
-            setattr(self, name, getattr(self, name)[::-1])
-        kept = {name: getattr(self, name)[::-1] for name in ("time", "mean", "lane", "own")}
+        self.laid_time, self.laid = self.laid_time[::-1], self.laid[::-1]
+        kept = {name: getattr(self, name)[::-1] for name in ("time", "left", "own")}
         around = slid - mesh.x[-1]  # the road around the block begins there
         n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.apart
         self.place = place[:n]
@@ -206,8 +170,7 @@ class Track:
             for s in (place[-1] + tiny, around - tiny):
                 self.place.append(s)
                 self.time.append(self.time[n - 1])
-                self.mean.append(0.0 * self.mean[n - 1])
-                self.lane.append(0.0 * self.lane[n - 1])
+                self.left.append(0.0 * self.left[n - 1])
                 self.own.append(0.0 * self.own[n - 1])
 
 
@@ -221,18 +184,18 @@ def remembers(scene: Scene) -> bool:
     return scene.schedule.lap is not None or scene.schedule.returns
 
 
-def track_of(scene: Scene, lap: float | None) -> Track:
+def track_of(balance: Balance, lap: float | None) -> Track:
     """The track of a scene that remembers, still empty; a road without end where no `lap` (m) is given."""
+    scene = balance.scene
     heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
     start = scene.moment(scene.schedule.phases[0], 0.0)
     film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
     whole, around = scene.schedule.distance * scene.schedule.repetitions, scene.mesh.x[-1] - scene.mesh.x[0]
     endless, lap = lap is None, lap or 1.0 + whole + 2.0 * around
     apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
-    lateral = (scene.spot_diameter / 2) ** 2 / (5.78 * scene.road.diffusivity)
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, lateral, planes, apart, endless)
+    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
 
 
 def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
@@ -245,11 +208,11 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
     scene = balance.scene
     since = phase.start if scene.schedule.lifted else 0.0
 
-    def carried(now, whole=False):
+    def carried(now):
         place = now.passed - scene.mesh.x[0]
         if phase.turned < since:
-            return track.comes(now.t, place, whole)
-        return track.back(now.t, place, since, phase.turned, balance.share)
+            return track.comes(now.t, place)
+        return track.back(now.t, place, since, phase.turned)
 
     return carried
 
@@ -264,11 +227,8 @@ def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | 
     if track.place and place - track.place[-1] < (track.apart if apart is None else apart):
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
-    column, drift = b.rise(y[: b.n])[last], now.ambient - scene.ambient
-    lane = np.tile(system.lanes(now, y)[-1], scene.mesh.n_road)
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
-    entering, whole = system.came_as(now, at)[0] - drift, system.remembered(now, at, True)[0]
-    track.leave(t, place, column - drift, entering, b.share, lane, whole)
+    track.leave(t, place, b.rise(y[: b.n])[last] - system.came_as(now, at)[0, 0], system.remembered(now, at)[0])
     system.recent.forget()
 
 

@@ -44,22 +44,22 @@ class Interface:
     recent: Recent = field(default_factory=Recent)
 
     # --- pressure ------------------------------------------------------------------------------
-    def contact(self, now, worn, T, T_in, kf, slopes: bool = False) -> Contact:
+    def contact(self, now, worn, T, road, kf, slopes: bool = False) -> Contact:
         """Settle the block on the road and solve the contact.
 
         While the block is lifted there are no fluxes.
         """
-        now, press, state = self.settled(now, worn, T, T_in, kf)
+        now, press, state = self.settled(now, worn, T, road, kf)
         if not now.touching:
             return Contact(state, press)
-        flux, slope = self.fluxes(state, now, T, T_in, kf, slopes)
+        flux, slope = self.fluxes(state, now, T, road, kf, slopes)
         self.recent.touch = np.real(flux.touch)
         return Contact(state, press, flux, slope)
 
-    def settled(self, now, worn, T, T_in, kf) -> tuple[Moment, Press, contact_flux.ContactState]:
+    def settled(self, now, worn, T, road, kf) -> tuple[Moment, Press, contact_flux.ContactState]:
         """The block, worn by `worn` (columns,) m, on the road: the moment as laws see it, pressure and contact laws.
 
-        `T` (cells,) rises, `T_in` (n_road,) of the entering road, `kf` (cells,) factor on k.
+        `T` (cells,) rises, `road` that enters as `System.road` says, `kf` (cells,) factor on k.
         """
         b = self.b
         now = now.seeing(worn=worn) if b.abrades else now
@@ -69,7 +69,7 @@ class Interface:
         turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
         sheared = self._sheared(now)
         if turning < np.inf or sheared is not None:
-            mean = self._friction(now, free, sheared, moment, turning, T, T_in, kf)
+            mean = self._friction(now, free, sheared, moment, turning, T, road, kf)
             moment = moment * mean
             free = free if sheared is None else free + mean * sheared
         press = b.foundation.settle(free, now.pressure, moment, turning)
@@ -106,17 +106,17 @@ class Interface:
         turning = np.inf if give <= RIGID else 2.0 / give
         return turning, arm * now.pressure * bed.dx.sum()
 
-    def _friction(self, now, free, sheared, moment, turning, T, T_in, kf):
+    def _friction(self, now, free, sheared, moment, turning, T, road, kf):
         """Load-weighted friction that agrees with the pressure which it causes: Newton on one number."""
         bed, sheared = self.b.foundation, 0.0 if sheared is None else sheared
 
-        def found(trial, free, T, T_in, kf):
+        def found(trial, free, T, road, kf):
             press = bed.settle(free + trial * sheared, now.pressure, moment * trial, turning)
-            flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, T_in, kf)
+            flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, road, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
         mean = self.recent.friction
-        plain = np.real(free), np.real(T), np.real(T_in), np.real(kf)
+        plain = np.real(free), np.real(T), np.real(road), np.real(kf)
         for _ in range(40):
             got = found(mean + 1j * STEP, *plain)
             slope = 1.0 - got.imag / STEP
@@ -128,7 +128,7 @@ class Interface:
             raise SolverFailure(f"friction {mean:.3g} and the pressure that it causes do not agree")
         self.recent.friction = mean
         if any(np.iscomplexobj(a) for a in (free, T)):
-            return mean + (found(mean, free, T, T_in, kf) - mean) / slope
+            return mean + (found(mean, free, T, road, kf) - mean) / slope
         return mean
 
     # --- contact laws --------------------------------------------------------------------------
@@ -254,8 +254,8 @@ class Interface:
             self.b.scene.mesh, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
         )
 
-    def fluxes(self, state, now, T, T_in, kf, slopes: bool = False):
-        """Interface fluxes, with `slopes` their slopes, else None, at rises T (cells,) with road entering at T_in.
+    def fluxes(self, state, now, T, road, kf, slopes: bool = False):
+        """Interface fluxes, with `slopes` their slopes, else None, at rises T (cells,) with a `road` that enters.
 
         See `contact_flux.solve`.
         """
@@ -276,7 +276,7 @@ class Interface:
         return contact_flux.solve(
             state,
             T[b.cell_block] + ambient,
-            lanes.rises(b, state, T, T_in) + ambient,
+            lanes.rises(b, state, T, road) + ambient,
             b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
             (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
             law("friction.mu", 0.0),
@@ -291,13 +291,13 @@ class Interface:
         at = self.at(state, now).seeing(friction=flux.mu)
         return now.speed * columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
-    def abrasion_coupling(self, contact: Contact, now, worn, T, T_in, kf, gamma: float) -> AbrasionCoupling:
+    def abrasion_coupling(self, contact: Contact, now, worn, T, road, kf, gamma: float) -> AbrasionCoupling:
         """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""
         b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
         now = now.seeing(worn=worn) if b.abrades else now
-        pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, T_in, kf)
+        pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, road, kf)
         seen = self.at(contact.state, now.seeing(worn=worn + 1j * STEP) if b.abrades else now)
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
         deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
@@ -310,7 +310,7 @@ class Interface:
             b,
             contact.state.under,
             pressed,
-            None if deeper is None else self._answer(deeper, now, T, T_in, kf),
+            None if deeper is None else self._answer(deeper, now, T, road, kf),
             warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             response=response,
             undo=response.solver(gamma * pressed.abrasion),
@@ -321,18 +321,18 @@ class Interface:
         """Of answers where the road lies on the block's lines."""
         return pattern(self.b, Overlap(self.b.cell_road))
 
-    def _answer(self, state, now, T, T_in, kf) -> Answer:
+    def _answer(self, state, now, T, road, kf) -> Answer:
         """How heat and abrasion follow what has a complex step in the state."""
-        flux, _ = self.fluxes(state, now, T, T_in, kf)
+        flux, _ = self.fluxes(state, now, T, road, kf)
         area = self.b.scene.mesh.column_area
-        road = flux.into_road * area
+        taken = flux.into_road * area
         return Answer.of(
             self._pattern if state.under.other is None else pattern(self.b, state.under),
             self.b,
             state.under,
             face=slope(state.block * flux.into_block * area),
             deep=slope(state.block * flux.deep * area),
-            road=slope(state.road * road),
-            books=(slope(state.block * flux.heat * area), slope(state.block * road)),
+            road=slope(state.road * taken),
+            books=(slope(state.block * flux.heat * area), slope(state.block * taken)),
             abrasion=slope(self.abrasion_rate(state, flux, now)),
         )

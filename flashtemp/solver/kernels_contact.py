@@ -85,12 +85,24 @@ def fallen(start, widen, fall, T, T_in):
 
 
 @njit(cache=True)
-def lane_rises(lane, lowered, seen, fresh):
-    """Rises (columns,) of lanes on road that came `fresh` (planes,), of columns `seen` and `lowered` at the surface."""
+def lane_rises(gap, lane, lowered, seen, came, widen, own):
+    """Rises (columns,) of lanes of columns `seen` and `lowered` at the surface, where those of planes `came` in.
+
+    What earlier passes left in lanes, `own` (n_road planes,), has widened into the `gap` between them.
+    """
+    across = len(came)
+    mixed = own[-across:].copy()
+    total = widen.sum()
+    if total.real > 0.0:
+        for j in range(across):
+            lost = 0.0 * own[0]
+            for k in range(len(widen)):
+                lost += widen[k] * own[k * across + j]
+            mixed[j] = lost / total
     out = np.empty_like(seen)
     for c in range(len(seen)):
-        under = fresh[c % len(fresh)]
-        out[c] = under + lane[c] * (seen[c] - under - lowered[c])
+        j = c % across
+        out[c] = came[j] - gap * mixed[j] + lane[c] * (seen[c] - came[j] - lowered[c])
     return out
 
 

@@ -112,7 +112,7 @@ def loss_at_depth(b: Balance, now) -> np.ndarray:
 def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray:
     """By how much (columns,) K widening lowers the surface of a column, at a `ContactState`.
 
-    `T` (cells,) rises, `T_in` (n_road n_across,) of the entering road, 0 if None.
+    `T` (cells,) rises, `T_in` (n_road n_across,) of columns of the entering road, 0 if None.
     """
     T_in = b.no_inflow if T_in is None else T_in
     widen, fall, *_ = alike(state.widen, state.fall, T[:1], T_in[:1])
@@ -120,8 +120,22 @@ def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray:
     return lowered
 
 
-def rises(b: Balance, state: Any, T, T_in) -> np.ndarray:
-    """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over road entering at T_in."""
-    seen, fresh = state.under.seen(T), T_in[-b.scene.mesh.n_across :]
-    found: np.ndarray = kernels_contact.lane_rises(*alike(state.lane, fallen(b, state, T, T_in), seen, fresh))
+def rises(b: Balance, state: Any, T, road) -> np.ndarray:
+    """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over a `System.road` that enters."""
+    came, own = road
+    lowered, seen = fallen(b, state, T, came), state.under.seen(T)
+    given: tuple = alike(state.lane, lowered, seen, came[-b.scene.mesh.n_across :], state.widen, own)
+    found: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *given)
     return found
+
+
+def entered(b: Balance, weights: np.ndarray, road) -> np.ndarray:
+    """Rises (n_road, n_across) K of lanes in a `System.road` that enters: those of earlier passes have widened.
+
+    `weights` as `loss_at_depth` says.
+    """
+    came, own = np.reshape(road, (2, len(weights), -1))
+    whole = weights.sum(axis=1)[:, None]
+    mixed = np.divide(weights @ own, whole, out=own.copy(), where=whole > 0.0)
+    lanes: np.ndarray = came - (1.0 - b.share) * mixed
+    return lanes

@@ -50,7 +50,7 @@ def march(
     if not resumed:
         now.y, now.left = balance.initial(), np.zeros(2)
     if now.track is None and remembers(scene):
-        now.track = replace(track_of(scene, scene.schedule.lap), **(now.columns or {}))
+        now.track = replace(track_of(balance, scene.schedule.lap), **(now.columns or {}))
 
     def stop() -> bool:
         now.wall = spent + clock.perf_counter() - began

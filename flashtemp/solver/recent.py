@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,14 +16,14 @@ class Latest:
     """The moment that a system was asked about last, with what enters and all films: a step asks several times."""
 
     now: Moment | None = None
-    entering: dict[bool, np.ndarray] = field(default_factory=dict)  # of the lanes, and of the whole width
+    road: np.ndarray | None = None
     filmed: tuple = ()  # all that the films saw
     films: Films | None = None
     walls: tuple[Films, list] | None = None  # films, and their slopes
 
     def forget(self, now: Moment | None = None) -> None:
         """Another moment has come, or the track has changed."""
-        self.now, self.entering = now, {}
+        self.now, self.road = now, None
 
 
 @dataclass

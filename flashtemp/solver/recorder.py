@@ -45,10 +45,10 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
     moment, worn = system.moment(t), b.worn_depth(y)
     if worn.max() >= b.scene.height:
         raise SolverFailure("the block is worn through to its holder")
-    T, entering = b.rise(system.placed(moment, y)[: b.n]), system.entering(moment)
+    T, road = b.rise(system.placed(moment, y)[: b.n]), system.road(moment)
     kf = system.solid.conduction(T, moment)
-    contact = system.interface.contact(moment, worn, T, entering, kf)
-    profiles = _temperatures(system, moment, contact, T, entering, kf) | {
+    contact = system.interface.contact(moment, worn, T, road, kf)
+    profiles = _temperatures(system, moment, contact, T, road, kf) | {
         "pressure": contact.state.pressure * (1.0 if moment.touching else 0.0),
         "worn": worn,
     }
@@ -76,7 +76,7 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         row["T_spot"] = mesh.across(weight * profiles["T_spot"]) / mesh.across(weight)
         profiles["cover"] = cover
     if frame:
-        kept = {"cells": _cells(system, moment, contact, shown, entering, precision)}
+        kept = {"cells": _cells(system, moment, contact, shown, road, precision)}
         if mesh.n_across > 1:
             kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
         now.frames.append({name: a.astype(precision, copy=False) for name, a in kept.items()})
@@ -100,7 +100,7 @@ def _mean_friction(system: System, contact: Contact) -> float:
     return float((contact.flux.mu * load).sum() / load.sum())
 
 
-def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> dict[str, np.ndarray]:
+def _temperatures(system: System, moment, contact: Contact, T, road, kf) -> dict[str, np.ndarray]:
     """Block surface, spots and road lanes (columns,) in degC."""
     b = system.b
     state, flux = contact.state, contact.flux
@@ -114,7 +114,7 @@ def _temperatures(system: System, moment, contact: Contact, T, entering, kf) -> 
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.at(state, moment), T, kf)
         spot = surface + C0
-        lane = lanes.rises(b, state, T, entering) + C0
+        lane = lanes.rises(b, state, T, road) + C0
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
@@ -123,8 +123,8 @@ def _surface(system: System, moment, T, lines: slice) -> np.ndarray:
     b, mesh = system.b, system.b.scene.mesh
     free = mesh.planes(T)[mesh.road[lines][:, -1]]
     behind, top = mesh.x_centre[lines] - mesh.x[0], slice(-mesh.n_across, None)
-    under, whole = (system.came_as(moment, behind, which)[:, top] for which in (False, True))
-    return b.scene.ambient - KELVIN + whole + b.share * (free - under)
+    came, own = np.moveaxis(system.came_as(moment, behind)[..., top], 1, 0)
+    return b.scene.ambient - KELVIN + came - own + b.share * (free - came + own)
 
 
 def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
@@ -134,18 +134,18 @@ def _energy(b: Balance, y, now: Progress) -> dict[str, float]:
     return ledger | {"block": block, "lanes": road, "share": b.share}
 
 
-def _cells(system: System, moment, contact: Contact, T, entering, precision: type) -> np.ndarray:
+def _cells(system: System, moment, contact: Contact, T, came, precision: type) -> np.ndarray:
     """Temperatures (cells,) in degC, those of the road as lane means."""
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
     cells = np.add(T, C0, out=np.empty(len(T), precision), casting="same_kind")  # no second whole field beside it
-    fresh, road = entering.reshape(mesh.n_road, -1), mesh.planes(T)[mesh.road]
-    road -= fresh
-    fallen = system.interface.loss_at_depth(contact.state, moment) @ road
+    road, weights = mesh.planes(T)[mesh.road], system.interface.loss_at_depth(contact.state, moment)
+    road -= came[0].reshape(mesh.n_road, -1)
+    fallen = weights @ road
     lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
     fallen *= fall
     road -= fallen
     road *= lane
-    road += C0 + fresh
+    road += C0 + lanes.entered(system.b, weights, came)
     mesh.planes(cells)[mesh.road] = road
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 

@@ -99,7 +99,7 @@ class _Neighbour:
         self.s = np.append(self.s, np.zeros(base.size - m))
         self.now = Progress(y=own, left=np.zeros(2), track=None)
         if remembers(scene):
-            self.now.track = track_of(self.scene, scene.schedule.lap)
+            self.now.track = track_of(self.balance, scene.schedule.lap)
 
     def state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """The neighbour's own state beside a state of the run; a ledger of other entries than the run's is not kept."""

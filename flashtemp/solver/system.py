@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.scene import Moment
-from flashtemp.solver import conduction, kernels_2d, kernels_contact, lanes
+from flashtemp.solver import conduction, kernels_2d, kernels_contact
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.boundary_heat import Films
 from flashtemp.solver.interface import Contact, Interface
@@ -20,16 +20,16 @@ from flashtemp.solver.recent import Latest
 
 
 class Incoming(NamedTuple):
-    """What the entering road carries, rises (n_road n_across,) K: `carried` of earlier passes.
+    """What the entering road carries, rises (n_road n_across,) K: `carried` of earlier passes, averaged across y.
 
-    Where the block slides back over road that it has just left, heat of its lanes comes `back` beside that.
+    Where the block slides back over road that it has just left, what it gave its columns comes `back` beside that.
     """
 
     carried: np.ndarray
     back: np.ndarray | float = 0.0
 
 
-Inflow = Callable[..., Incoming]  # of a moment, and whether of the whole width instead of the lanes
+Inflow = Callable[..., Incoming]  # of a moment
 
 
 @dataclass(frozen=True)
@@ -70,49 +70,61 @@ class System:
             recent.filmed, recent.films = when, boundary.films(now)
         return recent.films
 
-    def entering(self, now, whole: bool = False) -> np.ndarray:
-        """Temperature rise (n_road n_across,) of the road that enters now, deepest first: in lanes, or as a `whole`.
+    def road(self, now) -> np.ndarray:
+        """Rises (2, n_road n_across) of columns of the road that enters now, deepest first, and what of it is in lanes.
 
-        Where the block slides back, what that road was before the block was on it: what its lanes widen into.
+        Where the block slides back, as they were before the block was on them.
         """
         recent = self.recent
-        if now is recent.now and whole in recent.entering:
-            return recent.entering[whole]
+        if now is recent.now and recent.road is not None:
+            return recent.road
         if self.inflow is None:
-            T_in = self.b.no_inflow + now.ambient - self.b.scene.ambient
+            met = np.stack([self.b.no_inflow + now.ambient - self.b.scene.ambient, self.b.no_inflow])
         else:
-            T_in = self.met(now, self.inflow(now, whole).carried)
+            met = self.met(now, self.inflow(now).carried)
         if now is recent.now:
-            recent.entering[whole] = T_in
-        return T_in
+            recent.road = met
+        return met
+
+    def entering(self, now) -> np.ndarray:
+        """Temperature rise (n_road n_across,) of columns of the road that enters now: `road`."""
+        columns: np.ndarray = self.road(now)[0]
+        return columns
 
     def met(self, now, carried: np.ndarray) -> np.ndarray:
-        """Rise of road as the block meets it, of which earlier passes left `carried`: what effects let come round."""
-        drift = now.ambient - self.b.scene.ambient
-        return self.b.laws("road.inflow", drift + 0.0 * carried, None, now.seeing(carried=carried))
+        """`road` (..., 2, n_road n_across) on which earlier passes left `carried` across y, as effects let it come.
 
-    def came_as(self, now, behind: np.ndarray, whole: bool = False) -> np.ndarray:
-        """Rises (places, n_road n_across) of road `behind` (m) the window's edge, had it met no block since it came.
-
-        Where the block slides back, those of the road that enters now.
+        Heat of earlier passes lies in the columns, which are a share of the width, and has widened (theory 2a).
         """
-        return self._behind(self.entering, now, behind, whole)
+        cold = now.ambient - self.b.scene.ambient + 0.0 * carried
+        before, after = (
+            self.b.laws("road.inflow", cold, None, now.seeing(carried=left)) for left in (0.0 * carried, carried)
+        )
+        own = (after - before) / self.b.share
+        return np.stack([before + own, own], axis=-2)
 
-    def remembered(self, now, behind: np.ndarray, whole: bool = False) -> np.ndarray:
-        """The rises of that road that earlier passes left, whatever share of them effects let come round."""
+    def came_as(self, now, behind: np.ndarray) -> np.ndarray:
+        """`road` (places, 2, n_road n_across) that is `behind` (m) the window's edge, had it met no block since.
+
+        Where the block slides back, that of the road that enters now.
+        """
+        return self._behind(self.road, now, behind, (2, len(self.b.no_inflow)))
+
+    def remembered(self, now, behind: np.ndarray) -> np.ndarray:
+        """Rises (places, n_road n_across) of its columns that earlier passes left, whatever effects let come round."""
         if self.inflow is None:
             return np.zeros((len(behind), len(self.b.no_inflow)))
-        inflow = self.inflow
-        return self._behind(lambda when, how: inflow(when, how).carried, now, behind, whole)
+        inflow, share = self.inflow, self.b.share
+        return self._behind(lambda when: inflow(when).carried / share, now, behind, self.b.no_inflow.shape)
 
-    def _behind(self, what: Callable[..., np.ndarray], now, behind: np.ndarray, whole: bool) -> np.ndarray:
-        """Something of the road that enters, for road (places, n_road n_across) that came in `behind` (m) ago."""
+    def _behind(self, what: Callable[..., np.ndarray], now, behind: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """Something, of a `shape`, of the road that enters, for road that came in `behind` (places,) m ago."""
         if self.inflow is None or self.phase.turned > -np.inf:
-            return np.broadcast_to(what(now, whole), (len(behind), len(self.b.no_inflow)))
+            return np.broadcast_to(what(now), (len(behind), *shape))
         if len(behind) == 0:
-            return np.zeros((0, len(self.b.no_inflow)))
-        came = what(now.seeing(passed=now.passed - behind[:, None]), whole)
-        return np.broadcast_to(came, (len(behind), len(self.b.no_inflow)))
+            return np.zeros((0, *shape))
+        came = what(now.seeing(passed=now.passed - behind[:, None]))
+        return np.broadcast_to(came, (len(behind), *shape))
 
     def back(self, now) -> np.ndarray | float:
         """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""
@@ -121,20 +133,13 @@ class System:
     def contact(self, now, y) -> Contact:
         """Block and road at a state y as `placed`: pressure, contact laws and, unless the block is lifted, fluxes."""
         T = self.b.rise(y[: self.b.n])
-        return self.interface.contact(now, self.b.worn_depth(y), T, self.entering(now), self.solid.conduction(T, now))
+        return self.interface.contact(now, self.b.worn_depth(y), T, self.road(now), self.solid.conduction(T, now))
 
-    def lanes(self, now, y) -> np.ndarray:
-        """Rises of the lanes in contact over those of their columns, on all lines (n_lines, n_across)."""
-        T = self.b.rise(y[: self.b.n])
-        kf, T_in = self.solid.conduction(T, now), self.entering(now)
-        state = self.interface.settled(now, self.b.worn_depth(y), T, T_in, kf)[2]
-        return lanes.everywhere(self.b.scene.mesh, state.lane)
-
-    def felt(self, now, y, T, T_in, kf, slopes: bool = False) -> Contact | None:
+    def felt(self, now, y, T, kf, slopes: bool = False) -> Contact | None:
         """The contact where any heat may depend on it: not where the block is lifted and no law sees the contact."""
         if not (now.touching or self.b.boundary.local):
             return None
-        return self.interface.contact(now, self.b.worn_depth(y), T, T_in, kf, slopes)
+        return self.interface.contact(now, self.b.worn_depth(y), T, self.road(now), kf, slopes)
 
     def near(self, contact: Contact | None, now):
         """The moment as laws of heat see it: where there are only films it is not told the contact, which they miss."""
@@ -179,7 +184,7 @@ class System:
         T_enter = T_in + self.back(now) if self.phase.turned > -np.inf else T_in
         h_in = self.entering_enthalpy(T_enter)
         led = dict.fromkeys(b.ledger, 0.0)
-        contact = self.felt(now, y, T, T_in, kf)
+        contact = self.felt(now, y, T, kf)
         if contact is not None and contact.flux is not None:
             self._heat(contact.state, contact.flux, q, led)
             if b.abrades:
@@ -221,10 +226,9 @@ class System:
         b = self.b
         T = b.rise(y[: b.n])
         kf = self.solid.conduction(T, now)
-        T_in = self.entering(now)
         carry = b.carry(now)
         stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
-        contact = self.felt(now, y, T, T_in, kf, slopes=True)
+        contact = self.felt(now, y, T, kf, slopes=True)
         slopes, rows, books = contact_slopes(b, contact, self._at_walls(contact, now, T, kf))
         rows["lane_out"].append(leaving_slopes(b, carry, stretch))
         joined: conduction.Rows = {
@@ -234,7 +238,7 @@ class System:
         }
         coupling = None
         if contact is not None and contact.slopes is not None and (b.abrades or b.expansion):
-            coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, T_in, kf, gamma)
+            coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, self.road(now), kf, gamma)
         state = None if contact is None else contact.state
         solid = self.solid.linearised(gamma, kf, carry, stretch, slopes, joined)
         return Linearised(b, gamma, stretch, Booked.of(b, joined), state, books, solid, coupling)

@@ -55,18 +55,15 @@ def restart(balance: Balance, before: Any, now: Progress) -> None:
     moment = system.moment(before.end)
     rise = balance.rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    entering = system.came_as(moment, behind).reshape(road.shape)
-    fresh = entering + 0.0 * road
+    came = system.came_as(moment, behind)[:, 0].reshape(road.shape)
+    fresh = came + 0.0 * road
     if now.track is not None and now.track.endless:
         now.track.forget()
     elif now.track is not None:
-        lane = system.lanes(moment, y)[:, None]
-        apart = (lane - balance.share) * np.exp(-moment.waited / now.track.lateral)
-        excess = road - entering
-        lanes, whole = (system.remembered(moment, behind, which).reshape(road.shape) for which in (False, True))
-        lanes, whole = lanes + (balance.share + apart) * excess, whole + balance.share * excess
-        now.track.lay(before.end, moment.passed - mesh.x_centre, whole, lanes - whole)
-        fresh = system.met(moment, lanes)
+        left = system.remembered(moment, behind).reshape(road.shape) + road - came
+        now.track.lay(before.end, moment.passed - mesh.x_centre, left)
+        carried = balance.share * left.reshape(mesh.n_lines, -1)
+        fresh = system.met(moment, carried)[:, 0].reshape(road.shape)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy(rise)[everywhere]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from truth.asperities import kept
 from truth.camera import Geometry, Optics, look
 from truth.sliding import Pair, Sliding, impulse
 from truth.wall import Wall
@@ -164,7 +165,7 @@ def live(world, asked):
             slid = (r - 1) * test.distance + k * p.dx
             mu = world.friction(spot, slid) * (1.0 + world.scatter[r - 1])
             t = begin + k * dt
-            warm = world.air(t) + _carried(world, passes, k - columns, t)
+            warm = world.air(t) + _carried(world, passes, k - columns, t, spots=True)
             heat = mu * load * world.speed / world.fraction
             face, road, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
             taken += world.fraction * road.mean(), face.mean()
@@ -204,15 +205,17 @@ def _rest(world, s, history, begin, r, shares):
     return out
 
 
-def _carried(world, passes, place, t):
+def _carried(world, passes, place, t, spots=False):
     """Rise (places,) K of road `place` columns along the track that earlier repetitions have warmed: `passes` of each,
-    by place the heat that it left (J/m2 of lane) and when."""
+    by place the heat that it left (J/m2 of lane) and when.  Across the road, or of the `spots` that have left it."""
     share, out = world.hidden("track_memory"), np.zeros(len(place))
     if not share:
         return out
     for heat, then in passes:  # road that was under the block when it was lifted is what passed it last
         at = np.where((place >= 1) & (place < len(heat)), place, len(heat) - 1)
-        out += share * world.fraction * impulse(heat[at], t - then[at], world.pair, world.convection)
+        pair, age = world.pair, t - then[at]
+        part = kept(world.fraction, pair.diameter, pair.road_k / pair.road_rc, age) if spots else world.fraction
+        out += share * part * impulse(heat[at], age, pair, world.convection)
     return out
 
 

@@ -114,7 +114,7 @@ def states(scene) -> Iterator[tuple[Balance, System, float, np.ndarray, np.rando
     balance = Balance(scene)
     mesh = scene.mesh
     carried = np.linspace(0.1, 1.0, mesh.n_road * mesh.n_across)
-    inflow = (lambda now, whole=False: Incoming(carried)) if balance.laws.has("road.inflow") else None
+    inflow = (lambda now: Incoming(carried)) if balance.laws.has("road.inflow") else None
     phases = scene.schedule.phases
     for phase in (next(p for p in phases if p.sliding), next(p for p in phases if not p.sliding)):
         rng = np.random.default_rng(7)

@@ -20,6 +20,7 @@ TIME = np.array([1.0, 2.0, 4.0, 8.0, 9.0, 11.0])
 REPETITION = np.array([1, 1, 1, 1, 2, 2])
 DEAD = (2, 3)  # v, u
 RUN = SimpleNamespace(
+    direction=None,
     time=np.array([0.0, 2.0, 4.0, 4.5, 8.0, 8.1, 11.0]),
     sliding=np.array([True, True, True, False, False, True, True]),
     repetition=np.array([1, 1, 1, 1, 1, 2, 2]),

@@ -275,6 +275,15 @@ def test_files_must_be_alike(tmp_path, image):
         made([image, mixed])
 
 
+def test_files_of_two_units_are_told(tmp_path, image):
+    """Kelvin has to be said, and then degC is 273 K too cold."""
+    kelvin = write(tmp_path / "kelvin.csv", seen(straight()) + 273.15)
+    for names in ([image, kelvin], [kelvin, image]):
+        with pytest.raises(BadInput, match=f"{names[1].name}: values around .* one is in degC and the other in kelvin"):
+            made(names, unit="K")
+    assert made([kelvin, kelvin], unit="K", fps=1.0).frames == 2
+
+
 def test_camera_facts_reach_the_recording(image):
     r = made([image], netd=0.05, psf_sigma=0.7, exposure=0.01, fps=25.0, registration_sigma=0.4, fixed_pattern=0.03)
     assert (r.netd_K, r.psf_sigma_px, r.exposure_s, r.fps) == (0.05, 0.7, 0.01, 25.0)

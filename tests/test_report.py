@@ -18,7 +18,11 @@ from flashtemp.viz import comparison_report
 
 TITLE = 'run-in <script>alert(1)</script> & "more"'
 RUN = SimpleNamespace(
-    time=np.array([0.0, 4.0]), sliding=np.array([True, True]), repetition=np.array([1, 1]), energy_imbalance=2.5e-12
+    direction=None,
+    time=np.array([0.0, 4.0]),
+    sliding=np.array([True, True]),
+    repetition=np.array([1, 1]),
+    energy_imbalance=2.5e-12,
 )
 
 

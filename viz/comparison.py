@@ -195,7 +195,7 @@ def along(seeing, run=None) -> Figure:
     fig = figure(seeing.view, WIDTH, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
-    _curve(first, 1e3 * r.u, mean(seeing.residual, level, 2), "along x", "x from the leading edge (mm)")
+    _curve(first, 1e3 * r.u, mean(seeing.residual, level, 2), "along x", theme.along(run))
     if up:
         second = fig.add_subplot(grid[0, 1])
         _curve(second, 1e3 * r.v, mean(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")

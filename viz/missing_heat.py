@@ -53,7 +53,7 @@ def draw(verdict) -> Figure:
             _shade(ax, x, np.asarray(m.resolution))
             ax.set_xlim(x[0], x[-1])
     for ax in axes[-1]:
-        ax.set_xlabel("x from the leading edge (mm)")
+        ax.set_xlabel("x from the edge that leads forward (mm)")
     for ax in axes[0]:
         if ax.get_legend_handles_labels()[0]:
             ax.legend(loc="best")

@@ -80,9 +80,9 @@ def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     return path
 
 
-def along(run) -> str:
-    """Label of the axis x: it counts from the leading edge, or where the block slides back is the block's own."""
-    return "x from leading edge (mm)" if run.direction is None else "x along the block (mm)"
+def along(run=None) -> str:
+    """Label of the axis x: from the leading edge, or the block's own where it slides back or no run tells."""
+    return "x along the block (mm)" if run is None or run.direction is not None else "x from leading edge (mm)"
 
 
 def temperature_map() -> ListedColormap:

@@ -17,6 +17,7 @@ from flashtemp.camera.radiometry import Planck
 from flashtemp.camera.raw_frames import Frames, joined
 from flashtemp.camera.source import Source
 from flashtemp.errors import BadInput, short
+from flashtemp.physics.quantities import KELVIN
 
 SCIENCE = "open it in ResearchIR or Research Studio, export TIFF (with scale and offset), CSV or MAT, and give that"
 CLOSED = {  # name ends: whose and what to ask for
@@ -37,6 +38,7 @@ FOREIGN = {  # first bytes: what it is
     b"%PDF": "PDF; give the camera's own file",
     b"CEDIP": f"FLIR PTW, which only the maker's closed kit reads; {SCIENCE}",
 }
+COLDEST = -150.0  # degC: what no camera sees beside something warm
 START = 8192  # bytes that tell the kind of a file
 WHOLE = 4  # times a file that is read whole must fit into the limit
 LATER = 50  # pieces without any temperature that may come first
@@ -114,7 +116,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def alike(first: Path, one: Frames, path: Path, other: Frames) -> None:
-    """BadInput where a file is of another kind or size than the first."""
+    """BadInput where a file is of another kind, size or unit than the first."""
     if one.format != other.format:
         raise BadInput(f"{path}: {other.format}, but {first.name} is {one.format}; give files of one kind at once")
     (rows, columns), (high, wide) = one.shape, other.shape
@@ -122,6 +124,19 @@ def alike(first: Path, one: Frames, path: Path, other: Frames) -> None:
         raise BadInput(
             f"{path}: {wide} x {high} pixels, but {first.name} has {columns} x {rows}; give files of one size at once"
         )
+    if one.counts is None and other.counts is None:
+        was, now = (_middle(frames.temperature[0]) for frames in (one, other))
+        if min(was, now) < COLDEST < max(was, now) - KELVIN / 2:
+            raise BadInput(
+                f"{path}: values around {now:.4g} degC, but {first.name} has {was:.4g}: one is in degC and the other in"
+                " kelvin; give files of one unit at once"
+            )
+
+
+def _middle(image: np.ndarray) -> float:
+    """Median of the values of an image, 0 where all are dead."""
+    known = image[np.isfinite(image)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def _by_magic(path: Path, known: Unsaid) -> Iterator[Frames]:

@@ -15,7 +15,7 @@ from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.checklist import checklist
-from flashtemp.discovery.fit import ENOUGH, Fit
+from flashtemp.discovery.fit import ENOUGH, MISFIT, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn
@@ -190,9 +190,12 @@ def _honest(kind: str, search: Search, found: bool) -> str:
 
 
 def _beyond_doubt(fit: Fit) -> bool:
-    """Whether a model misfits grossly whatever the steps that it did not come to would still gain."""
-    misfit = 0.5 * (fit.solution.chi2 - fit.solution.count)
-    return fit.hopeless and fit.promise < SPARE * misfit
+    """Whether a model misfits all data, or a recording or a load cell's trace alone, grossly whatever the steps that it
+    did not come to would still gain."""
+    misfit = 0.5 * (fit.solution.chi2 - fit.solution.count) if fit.hopeless else 0.0
+    apart = adequacy.excess(fit)
+    each = (apart[b.label] * np.sqrt(0.5 * b.count) for b in fit.blocks if apart[b.label] > MISFIT)
+    return bool(fit.promise < SPARE * max(misfit, *each, 0.0))
 
 
 def _why_none(search: Search) -> tuple[str, ...]:

@@ -48,11 +48,14 @@ def discover(
     """Everything: calibrate, search, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _timed(watch)
     with crew(predict, workers, scheduler) as run:
-        search = _certain(explore(calibrate(prepare(campaign, run), watch), watch), watch)
+        found = explore(calibrate(prepare(campaign, run), watch), watch)
+        search = found if _beyond_doubt(found.best) else _certain(found, watch)
         watch("judging")
         verdict = _verdict(search)
         if verdict.kind == "unexplained":
             verdict, search = _learned(verdict, search, watch)
+        if verdict.kind == "unexplained" and search is found and (certain := _certain(found, watch)) is not found:
+            verdict, search = _verdict(certain), certain
     return replace(verdict, seconds=time.monotonic() - began), search
 
 

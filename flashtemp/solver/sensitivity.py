@@ -156,6 +156,16 @@ class _During:
     begin: float
     pace: float
 
+    def largest(self, s: np.ndarray) -> float:
+        """Largest difference (K) of cells and worn depth `s`: heat that comes round lies in the columns of lanes, so of
+        the road it counts as over the width."""
+        b = self.system.b
+        if not b.laws.has("road.inflow"):
+            return float(np.abs(s[: b.worn.stop]).max())
+        level = np.repeat(b.scene.mesh.level, b.scene.mesh.n_across)
+        weights = np.where(level < b.scene.mesh.n_road, b.share, 1.0)
+        return float(np.abs(weights * s[: b.n]).max())
+
     def clock(self, t: float) -> float:
         """The neighbour's own time (s)."""
         return t if self.of.as_one else self.system.phase.begin + self.pace * (t - self.begin)
@@ -232,7 +242,8 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
     parabolas of u.  The ledger follows the rest and has no say in the length of steps.
     """
     m = level.system.b.worn.stop
-    begin, size = S, 0.05 * np.abs(S[:, :m]).max(axis=1, initial=0.0)
+    longest = 0.5 * MOST if level.system.b.laws.has("road.inflow") else MOST  # what comes round changes all the time
+    begin, size = S, np.array([0.05 * one.largest(s) for one, s in zip(live, S, strict=True)])
     size = np.maximum(size, [TINY / abs(one.of.step) for one in live])
     old, before = S, 0.0
     span = phase.end - phase.begin
@@ -254,10 +265,10 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
             level.leave(t, y, level.of.s)
             for one, s in zip(live, S, strict=True):
                 one.leave(t, y, s)
-        size = np.maximum(size, np.abs(S - begin)[:, :m].max(axis=1, initial=0.0))
+        size = np.maximum(size, [one.largest(s) for one, s in zip(live, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), MOST)
+        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), longest)
     return S
 
 

@@ -80,7 +80,7 @@ def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     return path
 
 
-def along(run=None) -> str:
+def along(run) -> str:
     """Label of the axis x: from the leading edge, or the block's own where it slides back or no run tells."""
     return "x along the block (mm)" if run is None or run.direction is not None else "x from leading edge (mm)"
 

@@ -41,7 +41,7 @@ class Moment(NamedTuple):
     worn: Any = None  # m worn at x; None where nothing is abraded
     face: Any = None  # temperature of the block's face averaged over the passage of spots, K; for laws of the contact
     base: Any = None  # the quantity so far, for a law that bends it
-    carried: Any = None  # K, what earlier passes left in the road entering now, by depth cell
+    carried: Any = None  # K, what earlier passes left in the road entering now, across y, by depth cell
     passed: float = 0.0  # m of road since the first start of all repetitions
     lead: Any = None  # m from the edge that leads now: x, or while the block slides back, length - x
     direction: int = 1  # -1 while the block slides back

@@ -89,7 +89,7 @@ QUANTITIES: dict[str, Quantity] = {
         ),
         Quantity(
             "road.inflow", "K", "drift of the air",
-            "rise of the road that enters", "`now.carried`: what earlier passes left, by depth",
+            "rise of the road that enters", "`now.carried`: what earlier passes left, across y, by depth",
         ),
         Quantity("ambient.temperature", "K", "the case's", "air, holder and road that comes in"),
         Quantity("block.conductivity", "1", "1", "k(T) over k of the material", "T of the cells, K"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -156,15 +157,19 @@ class _During:
     begin: float
     pace: float
 
-    def largest(self, s: np.ndarray) -> float:
-        """Largest difference (K) of cells and worn depth `s`: heat that comes round lies in the columns of lanes, so of
-        the road it counts as over the width."""
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        """How differences of cells and worn depth count: heat that comes round lies in the columns of lanes, over the
+        width it is a share of that."""
         b = self.system.b
-        if not b.laws.has("road.inflow"):
-            return float(np.abs(s[: b.worn.stop]).max())
-        level = np.repeat(b.scene.mesh.level, b.scene.mesh.n_across)
-        weights = np.where(level < b.scene.mesh.n_road, b.share, 1.0)
-        return float(np.abs(weights * s[: b.n]).max())
+        out = np.ones(b.worn.stop)
+        if b.laws.has("road.inflow"):
+            out[b.scene.mesh.everywhere(b.scene.mesh.road)] = b.share
+        return out
+
+    def largest(self, s: np.ndarray) -> float:
+        """Largest difference (K) of cells and worn depth `s`."""
+        return float(np.abs(self._weights * s[: len(self._weights)]).max())
 
     def clock(self, t: float) -> float:
         """The neighbour's own time (s)."""

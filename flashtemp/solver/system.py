@@ -29,7 +29,7 @@ class Incoming(NamedTuple):
     back: np.ndarray | float = 0.0
 
 
-Inflow = Callable[..., Incoming]  # of a moment
+Inflow = Callable[[Moment], Incoming]
 
 
 @dataclass(frozen=True)

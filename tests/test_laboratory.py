@@ -314,7 +314,7 @@ def test_nothing_is_named_beside_a_fit_that_explains_more_and_did_not_end(monkey
     for gain, usable, kind in ((844.0, False, "no_verdict"), (771.0, False, "named"), (844.0, True, "named")):
         rival = SimpleNamespace(usable=usable, ln_evidence=gain)
         search = Search(None, None, {}, base, best, {frozenset({"track_memory"}): rival})
-        monkeypatch.setattr(discover, "_beyond_doubt", lambda fit: False)
+        monkeypatch.setattr(discover.adequacy, "beyond_doubt", lambda fit: False)
         assert discover._honest("named", search, True) == kind
     assert "track_memory did not come to an end" in discover._why_none(replace(search, fits={
         frozenset({"track_memory"}): SimpleNamespace(usable=False, ln_evidence=844.0)}))[0]  # fmt: skip

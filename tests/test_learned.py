@@ -29,7 +29,7 @@ from flashtemp.discovery.unknown_law import ARGUMENTS, MOST, NAME, NODES, UNKNOW
 from flashtemp.model.case import load
 from flashtemp.physics.own_effects import read
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.runs.effect_check import battery, laws
+from flashtemp.runs.effect_check import balance, battery, laws
 from flashtemp.runs.effect_check.battery import examine
 from flashtemp.runs.effect_check.scenes import Bench, Trial
 from flashtemp.solver.march import march
@@ -85,6 +85,20 @@ def test_the_file_passes_the_battery(which, tmp_path):
     found = examine(*trial(law(*pair(*which), USUAL), tmp_path))
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "off", "jacobian", "energy", "acts"} <= {f.name for f in found}
+
+
+STEEP = {  # ln of factors on friction over temperature (degC): a measured peak, and a fall from the ambient on
+    "peak": ((20.0, 25.7549, 31.5098, 37.2647, 43.0196), (-0.079298, -0.092578, 0.0063693, 0.17032, 0.091009)),
+    "fall": ((20.0, 35.0, 50.0, 65.0, 80.0), (0.0, -0.225, -0.45, -0.675, -0.9)),
+}
+
+
+@pytest.mark.parametrize("which", STEEP)
+def test_steep_friction_is_linearised_where_it_is_solved(which, tmp_path):
+    """Newton's last slope is that of its last point, not of the one before: the difference was 3e-10 of J v."""
+    told, bench = trial(Law(*pair("friction", "temperature"), *STEEP[which]), tmp_path)
+    for shape in balance.WAITS:
+        assert balance.linearisation(bench, told, shape).ok, shape
 
 
 @pytest.mark.parametrize("which", KINDS, ids="-".join)

@@ -26,7 +26,8 @@ def lines(clock, capsys, seconds):
     return capsys.readouterr().err.splitlines()
 
 
-def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys):
+def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys, monkeypatch):
+    monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
     told = lines(clock, capsys, 301)
     assert len(told) == 5
     percent, left = zip(
@@ -49,12 +50,13 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     for at, text in (
         (0.0, "calibrating the model"), (15.0, "going to the best point"), (18.0, "  round 2"), (60.0, "  round 3"),
         (60.0, "traces of the candidates"), (100.0, "fitting tilt"), (100.0, "traces of the candidates"),
+        (120.0, "judging"), (120.0, "looking for a law"), (150.0, "fitting: a law"),
     ):  # fmt: skip
         now[0] = at
         say(text)
     left = [re.search(r"about (\d+) s left", t) for t in told]
     assert left[0] is None
-    assert [int(m[1]) for m in left[1:]] == [85, 82, 140, 140, 100, 33]
+    assert [int(m[1]) for m in left[1:]] == [85, 82, 140, 140, 100, 33, 6, 180, 150]
 
 
 def test_what_is_short_says_nothing(clock, capsys):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
-from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.fit import MISFIT, Fit
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
 from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
@@ -19,6 +19,8 @@ from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import OwnValue, Test
 
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
+SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
+WORTH = 0.02  # of a gross misfit: what a further cause explains by its trace, lest it mops up what another one left
 SCATTERED = 4.0  # -log10 of the probability that an amplitude scatters so between conditions
 TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
@@ -58,6 +60,19 @@ def excess(fit: Fit) -> dict[str, float]:
         left = residual(block, fit.solution)
         out[block.label] = float((np.mean(left**2) - 1.0) * np.sqrt(block.count / 2.0))
     return out
+
+
+def misfit(fit: Fit) -> float:
+    """ln evidence that a gross misfit costs, of all data or of a recording or a load cell's trace alone; 0 where none
+    is gross."""
+    apart = excess(fit)
+    each = (apart[b.label] * np.sqrt(0.5 * b.count) for b in fit.blocks if apart[b.label] > MISFIT)
+    return float(max(fit.misfit, *each, 0.0))
+
+
+def beyond_doubt(fit: Fit) -> bool:
+    """Whether a gross misfit stays one whatever the steps that a model did not come to would still gain."""
+    return fit.promise < SPARE * misfit(fit)
 
 
 def structure(fit: Fit, seed: int, stage: str) -> list[Test]:

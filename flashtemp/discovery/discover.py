@@ -15,7 +15,7 @@ from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.checklist import checklist
-from flashtemp.discovery.fit import ENOUGH, MISFIT, Fit
+from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn
@@ -34,9 +34,9 @@ from flashtemp.discovery.visible import Gain, gain
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
-SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
 # of the work that is done when a stage begins, as a rule
-SHARES = {"going": 0.15, "traces": 0.3, "fitting": 0.5, "looking": 0.7, "judging": 0.95}
+SHARES = {"going": 0.15, "traces": 0.3, "fitting": 0.5, "judging": 0.95}
+LAW = 0.4  # where a law is looked for, which no other stage foresees
 
 
 def discover(
@@ -49,13 +49,14 @@ def discover(
     began, watch = time.monotonic(), _timed(watch)
     with crew(predict, workers, scheduler) as run:
         found = explore(calibrate(prepare(campaign, run), watch), watch)
-        search = found if _beyond_doubt(found.best) else _certain(found, watch)
+        search = found if adequacy.beyond_doubt(found.best) else _certain(found, watch)
         watch("judging")
         verdict = _verdict(search)
         if verdict.kind == "unexplained":
             verdict, search = _learned(verdict, search, watch)
-        if verdict.kind == "unexplained" and search is found and (certain := _certain(found, watch)) is not found:
-            verdict, search = _verdict(certain), certain
+        if verdict.kind == "unexplained" and search is found:  # no law was learned
+            certain = _certain(settled(found, watch), watch)
+            verdict, search = (verdict, found) if certain is found else (_verdict(certain), certain)
     return replace(verdict, seconds=time.monotonic() - began), search
 
 
@@ -79,7 +80,9 @@ def _timed(watch: Watch) -> Callable[[str], Any]:
     def say(text: str) -> None:
         nonlocal done, ends
         gone, share = time.monotonic() - began, SHARES.get(text.split()[0], 0.0)
-        if share:  # a stage that comes again takes half of what was left
+        if text.startswith("looking"):
+            done, ends = LAW, gone / LAW
+        elif share:  # a stage that comes again takes half of what was left
             done = share if share > done else 0.5 * (1.0 + done)
             ends = gone / done
         after = min((s for s in SHARES.values() if s > done), default=0.5 * (1.0 + done))
@@ -182,7 +185,7 @@ def _honest(kind: str, search: Search, found: bool) -> str:
     """A kind of verdict that says no more than was done: without certificate none, with open ends not that none is
     needed; errors of the laboratory and held keys count as named."""
     if not search.best.converged or (search.unsettled and kind != "unexplained"):
-        return "unexplained" if _beyond_doubt(search.best) else "no_verdict"
+        return "unexplained" if adequacy.beyond_doubt(search.best) else "no_verdict"
     if kind != "none_needed":
         return kind
     if search.open_ends:
@@ -190,15 +193,6 @@ def _honest(kind: str, search: Search, found: bool) -> str:
     if search.held_key is not None:
         return "held_key"
     return "named" if found else kind
-
-
-def _beyond_doubt(fit: Fit) -> bool:
-    """Whether a model misfits all data, or a recording or a load cell's trace alone, grossly whatever the steps that it
-    did not come to would still gain."""
-    misfit = 0.5 * (fit.solution.chi2 - fit.solution.count) if fit.hopeless else 0.0
-    apart = adequacy.excess(fit)
-    each = (apart[b.label] * np.sqrt(0.5 * b.count) for b in fit.blocks if apart[b.label] > MISFIT)
-    return bool(fit.promise < SPARE * max(misfit, *each, 0.0))
 
 
 def _why_none(search: Search) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence count
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 NOISE = 4.0  # the same where numerics leave evidence uncertain by as much
 MISFIT, LOOSE = 20.0, 0.2  # standard errors of chi2 of a gross misfit, and the step that is enough to compare
+LITTLE = 0.01  # of a gross misfit: what steps may still gain of a fit that is compared with others
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,17 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the certificate holds: the next step is short, or gains nothing."""
-        return self.history[-1] < ENOUGH or self._noise or (self.usable and (self.promise < EVEN or self.vain))
+        return self.history[-1] < ENOUGH or self._noise or (self.near and (self.promise < EVEN or self.vain))
+
+    @property
+    def near(self) -> bool:
+        """Whether its best point is near."""
+        return self.history[-1] < LOOSE or self.promise < KNOWN or self._noise
 
     @property
     def usable(self) -> bool:
-        """Whether it is near enough to its best point to be compared and extended."""
-        return self.history[-1] < LOOSE or self.promise < KNOWN or self._noise
+        """Whether it may be compared and extended: it is near its best point, or as near as a gross misfit asks for."""
+        return self.near or self.promise < LITTLE * self.misfit
 
     @property
     def _noise(self) -> bool:
@@ -67,6 +73,11 @@ class Fit:
         """Whether the model misfits so grossly that its best point says little."""
         excess = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(self.solution.count / 2.0)
         return bool(excess > MISFIT)
+
+    @property
+    def misfit(self) -> float:
+        """ln evidence that a gross misfit of all data costs; 0 where it is none."""
+        return 0.5 * (self.solution.chi2 - self.solution.count) if self.hopeless else 0.0
 
     @property
     def ln_evidence(self) -> float:

@@ -297,14 +297,8 @@ def _begun(search: Search, tried: Tried) -> Descent:
 def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:
     """The search that ends with a law at its certificate, with traces of all candidates before and after it."""
     data = replace(search.data, problem=problem)
-    base = traced(problem, data, search.base, watch)
-    others = tuple(c for c in problem.tried if c.effect != NAME)
-    own = tuple(held(problem, fit.model))
-    watch("traces of the candidate effects")
-    [end] = descend(
-        problem, [Descent(problem, data, fit.model, own, Derivatives(candidates=others), rough=False)], watch
-    )
-    best = end.fit or fit
+    [end] = descend(problem, [Descent(problem, data, fit.model, tuple(held(problem, fit.model)), rough=False)], watch)
+    base, best = (traced(problem, data, f, watch) for f in (search.base, end.fit or fit))
     ranking = tuple(scores(problem, f, problem.tried) for f in (base, best))
     fits = search.fits | {frozenset(): base, frozenset({NAME}): best}
     after = replace(search, problem=problem, data=data, base=base, best=best, fits=fits, ranking=ranking)

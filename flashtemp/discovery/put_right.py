@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, scored
@@ -25,7 +26,8 @@ def put_right(search: Search, watch: Watch) -> Search:
         found = errors(search.problem, search.best)
         ranked = scores(search.problem, search.best, search.problem.tried)
         rival = max((s.ln_bayes for s in ranked[:1]), default=0.0)
-        if not found or found[0].ln_bayes <= max(NAMED, rival):
+        least = max(NAMED, rival, adequacy.WORTH * adequacy.misfit(search.best))
+        if not found or found[0].ln_bayes <= least:
             break
         search = _loosened(search, found[0], watch)
     return search

@@ -9,7 +9,7 @@ import numpy as np
 
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Candidate
-from flashtemp.discovery.linear_gaussian import Array, NormalEquations
+from flashtemp.discovery.linear_gaussian import Array, NormalEquations, Solution
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.problem import Problem
 
@@ -169,23 +169,30 @@ def separability(fit: Fit, tried: Sequence[Candidate]) -> Separability:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two candidates together, and `ln_bayes` of their traces against the model without both."""
+    """Two candidates together, `ln_bayes` of their traces against the model without both, and how much `more` that is
+    than of either alone."""
 
     ln_bayes: float
     scores: tuple[Score, Score]
+    more: float
 
 
 def pairs(problem: Problem, fit: Fit, ranked: Sequence[Score], most: int = 12) -> list[Pair]:
     """Two effects together, for the candidates with the largest z; best first."""
     base = Base.of(problem, fit)
     best = sorted((s for s in ranked if s.seen > SEEN), key=lambda s: -s.z)[:most]
-    out = []
+
+    def solved(*together: Score) -> Solution:
+        more = {n: (0.0, abs(v)) for s in together for n, v in s.traces.items()}
+        return fit.solved(problem, _effects(fit) | more, base.equations).solution
+
+    out, alone = [], {s.effect: solved(s).ln_evidence for s in best}
     for i, a in enumerate(best):
         for b in best[i + 1 :]:
-            more = {n: (0.0, abs(v)) for s in (a, b) for n, v in s.traces.items()}
-            solution = fit.solved(problem, _effects(fit) | more, base.equations).solution
+            solution = solved(a, b)
             if all(_possible(s, n, solution[n]) for s in (a, b) for n in s.traces):
-                out.append(Pair(solution.ln_evidence - base.ln_evidence, (a, b)))
+                more = solution.ln_evidence - max(alone[a.effect], alone[b.effect])
+                out.append(Pair(solution.ln_evidence - base.ln_evidence, (a, b), more))
     return sorted(out, key=lambda p: -p.ln_bayes)
 
 

@@ -52,13 +52,13 @@ def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
             if search.held_key is not None:
                 return _once_more(search, calibrated, watch)
         if found is None:
-            return put_right(settled(search, watch), watch)
+            return put_right(_sure(search, watch), watch)
         best = traced(search.problem, search.data, found, watch)
         search = replace(search, best=best, fits=search.fits | {frozenset(found.model.effects): best})
         if len(found.model.effects) >= MOST:
             break
     last = scores(search.problem, search.best, problem.tried)
-    return put_right(settled(replace(search, ranking=(*search.ranking, last)), watch), watch)
+    return put_right(_sure(replace(search, ranking=(*search.ranking, last)), watch), watch)
 
 
 def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
@@ -70,6 +70,11 @@ def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
     begun = replace(calibrated, problem=problem, data=data, base=key.fit)
     again = explore(begun, watch)
     return replace(again, held_key=key, laboratory=(*search.laboratory, *again.laboratory))
+
+
+def _sure(search: Search, watch: Watch) -> Search:
+    """The best model at its certificate, unless it misfits whatever that would be."""
+    return search if adequacy.beyond_doubt(search.best) else settled(search, watch)
 
 
 def settled(search: Search, watch: Watch) -> Search:
@@ -84,22 +89,29 @@ def settled(search: Search, watch: Watch) -> Search:
 
 def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
     """Full fits of the shortlist from the present best, and of pairs where no effect alone will do."""
-    good = [s for s in ranked if s.ln_bayes > (WEAK if depth else WEAK - 2.0)][:SHORT]
+    least = max(WEAK, adequacy.WORTH * adequacy.misfit(search.best)) if depth else WEAK - 2.0
+    good = [s for s in ranked if s.ln_bayes > least][:SHORT]
     good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - 10.0]
     search = _fit(search, [(s,) for s in good], watch)
     if depth:
         return search
     if not _worth_it(search, depth):
         search = _fit(search, [(s,) for s in _left_over(search, ranked)], watch)
-    single = max((f.ln_evidence for k, f in search.fits.items() if len(k) == 1), default=-np.inf)
     if len(ranked) > 1:
-        gained = single - search.best.ln_evidence
-        both = pairs(search.problem, search.best, ranked)[:2]
-        both = [p for p in both if p.ln_bayes > gained + NAMED and p.ln_bayes > 2 * NAMED]
-        search = _fit(search, [p.scores for p in both], watch)
+        search = _fit(search, _together(search, ranked), watch)
     if good and search.best.hopeless and not search.extended:
         search = _run(search, _companions(search, good[0], ranked, watch), watch)
     return search
+
+
+def _together(search: Search, ranked: Ranking) -> list[tuple[Score, ...]]:
+    """Pairs that explain more by their traces than any full fit of one effect, and enough more than either alone."""
+    alone = [f for names, f in search.fits.items() if len(names) == 1]
+    best = max(alone, key=lambda f: f.ln_evidence, default=search.best)
+    least = max(best.ln_evidence - search.best.ln_evidence, NAMED) + NAMED
+    worth = adequacy.WORTH * adequacy.misfit(best)
+    both = pairs(search.problem, search.best, ranked)[:2]
+    return [p.scores for p in both if p.ln_bayes > least and p.more > worth]
 
 
 def _left_over(search: Search, ranked: Ranking) -> list[Score]:

@@ -99,7 +99,7 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
         seen[:] = T, friction(T, face, apart), parted(T, face, apart)
         return seen[1] * (1.0 + (np.real(turn) if apart else turn) * seen[2])
 
-    T, mu, own = _spot_temperature(a, gain, T0, friction if parted is None else warming, guess)
+    T, mu, own = _spot_temperature(a, gain, T0, friction if parted is None else warming, guess, slopes)
     s = mu
     if parted is not None:
         mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(seen[0], seen[1], seen[2], T)
@@ -138,8 +138,11 @@ def _carried(at, mu, s, T):
     return (v.real + v.imag / STEP * (T - np.real(at)) for v in (mu, s))
 
 
-def _spot_temperature(a, b, face, friction, guess):
-    """Solve T = a + b mu(T, face) for every line; derivatives of a, b and face pass through exactly."""
+def _spot_temperature(a, b, face, friction, guess, slopes):
+    """Solve T = a + b mu(T, face) for every line: T, mu and its slope in T, exact where `slopes` are asked for.
+
+    Derivatives of a, b and face pass through exactly.
+    """
     T = np.real(a) if guess is None else guess
     derived = any(np.iscomplexobj(v) for v in (a, b, face))
     cold = np.real(face)
@@ -150,14 +153,13 @@ def _spot_temperature(a, b, face, friction, guess):
             mu = friction(a, face)
             return a + b * mu, mu, dmu
         if last:
-            if derived:  # one complex step at the solution carries the derivative
-                mu = friction(T, face)
-                turn = (T - a - b * mu) / (1.0 - b.real * dmu)
-                T, mu = T - turn, mu - dmu * turn
-            else:
+            if not (derived or slopes):
                 mu = mu + dmu * (-step)
-                T = a + b * mu
-            return T, mu, dmu
+                return a + b * mu, mu, dmu
+            value = friction(T + 1j * STEP, cold, True)  # at the solution, not a step before
+            mu, dmu = (friction(T, face) if derived else value.real), value.imag / STEP
+            turn = (T - a - b * mu) / (1.0 - b.real * dmu)  # where derived it carries the derivative
+            return T - turn, mu - dmu * turn, dmu
     worst = int(np.argmax(np.abs(step)))
     raise SolverFailure(
         f"friction law has no consistent spot temperature on line {worst} near {T[worst] - KELVIN:.0f} degC"

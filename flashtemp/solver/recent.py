@@ -39,6 +39,7 @@ class Recent:
     shape: np.ndarray | None = None  # pressure over its mean (columns,)
     fraction: np.ndarray | None = None  # phi (columns,), and what follows from it alone: `Interface._spread`
     spread: tuple = ()
+    settled: tuple | None = None  # press and state, where they follow from `when` alone
     deeper: tuple = ()  # the spread, and `lanes.loss_at_depth` with it
     way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
     memory: tuple = ()
@@ -48,7 +49,12 @@ class Recent:
     def forget(self, when: tuple) -> None:
         """Forget answers of laws that see something else now."""
         if when != self.when:
-            self.when, self.shape, self.fraction = when, None, None
+            self.when, self.shape, self.fraction, self.settled = when, None, None, None
+
+    @property
+    def even(self) -> bool:
+        """Whether spots cover as much everywhere, so that lanes follow from the contact fraction alone."""
+        return bool(self.spread) and self.spread[-1] is not None
 
 
 def same(values: np.ndarray) -> tuple:

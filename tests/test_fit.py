@@ -123,15 +123,16 @@ def test_predictions_at_the_best_point_leave_noise(two):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.long
 def test_a_far_start_ends_at_the_same_place(two, sign):
-    best = two.base
-    start = Model({k: sign * v for k, v in AWAY.items()})
-    [descent] = descend(two.problem, [Descent(two.problem, two.data, start)])
-    assert descent.failed == ""
-    assert descent.fit.history[0] > 1.0
+    """Both with exact traces at their ends: those of a few steps before change evidence by a tenth or two."""
+    starts = two.base.model, Model({k: sign * v for k, v in AWAY.items()})
+    ends = descend(two.problem, [Descent(two.problem, two.data, m, rough=False) for m in starts])
+    assert [d.failed for d in ends] == ["", ""]
+    best, found = (d.fit for d in ends)
+    assert found.history[0] > 1.0
     for key in AWAY:
         far = 0.05 * two.problem.priors[ParameterId.of_key(key)]
-        assert abs(value(descent.fit, key) - value(best, key)) < far, key
-    assert descent.fit.ln_evidence == pytest.approx(best.ln_evidence, abs=0.1)
+        assert abs(value(found, key) - value(best, key)) < far, key
+    assert found.ln_evidence == pytest.approx(best.ln_evidence, abs=0.1)
 
 
 def test_traces_stay_after_a_short_step_and_the_end_is_that_of_exact_ones(two):
@@ -268,7 +269,7 @@ def test_several_descents_share_their_rounds(two):
     assert pair[0].fit.converged
     assert len(pair[0].history) == 1  # it stands where it should
     assert pair[1].failed == FAR
-    assert len(pair[1].history) == len(rounds) == 3
+    assert len(pair[1].history) == len(rounds) == 2
 
 
 # --- effects -----------------------------------------------------------------------------------------

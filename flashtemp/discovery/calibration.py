@@ -26,6 +26,7 @@ FLAT = 30.0  # ln evidence that it may promise: of more, the little that traces 
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 VAIN = 0.25  # ln evidence: what gains less was in vain, where it promised little or where a longer step lost
 FEW = 6  # tries that are enough where a model misfits grossly
+HELPS = 8.0  # ln evidence gained by the last of them: then twice as many
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
@@ -48,7 +49,8 @@ class Descent:
 
     `effects` candidates that the model holds and moves; `rough`: a model that misfits grossly need not be exact
     (what extends it must).  `fit` at the best point so far, `trust` how long a step may be (in prior standard
-    deviations) after one that lost, `back` steps back in a row, `tried` points in all; `bent` whether traces are taken
+    deviations) after one that lost, `back` steps back in a row, `tried` points in all, `gained` ln evidence by the last
+    that was no step back; `bent` whether traces are taken
     anew at the next point (after a short step they are not: whoever needs them exact traces the end once more);
     `failed` says why it ends.  What extends a traced `parent` has only what is new traced and borrows the other traces
     from it, as long as its steps grow shorter.
@@ -70,6 +72,7 @@ class Descent:
     bent: bool = True
     parent: Fit | None = None
     last: Pointed | None = None
+    gained: float = 0.0
 
     @property
     def priors(self) -> Priors:
@@ -102,7 +105,7 @@ class Descent:
         rough = self.rough and self.fit.hopeless
         if (self.fit.converged and short and exact) or self.back > (ONCE if rough else BACK):
             return True
-        most = FEW if rough else TRIES
+        most = (FEW if rough else TRIES) * (2 if self.gained > HELPS else 1)
         return (rough and self.fit.usable) or len(self.history) >= most or self.tried >= most + BACK
 
     def take(self, predictions: Sequence[Prediction]) -> Descent:
@@ -145,7 +148,7 @@ class Descent:
         stays = self.rough and (self.bent or contracts) and _longest(sizes, BENDS_LITTLE) < CHORD and promise < FLAT
         now = replace(
             self, history=history, fit=fit, best=Reached(fit, value, self.parent is None), trust=LONGER * self.trust,
-            back=0, tried=self.tried + 1, bent=not stays, parent=lent,
+            back=0, tried=self.tried + 1, bent=not stays, parent=lent, gained=gained if last is not None else 0.0,
         )  # fmt: skip
         return now if now.done else now._onward(fit)
 

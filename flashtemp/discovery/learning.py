@@ -295,11 +295,16 @@ def _begun(search: Search, tried: Tried) -> Descent:
 
 
 def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:
-    """The search that ends with a law at its certificate, with traces of all candidates before and after it."""
+    """The search that ends with a law at its certificate, and all candidates scored before and after it.
+
+    The law stands on traces of its own: beside many others traces are as good, but not the same, and a law that
+    explains thousands sees it.
+    """
     data = replace(search.data, problem=problem)
     [end] = descend(problem, [Descent(problem, data, fit.model, tuple(held(problem, fit.model)), rough=False)], watch)
-    base, best = (traced(problem, data, f, watch) for f in (search.base, end.fit or fit))
-    ranking = tuple(scores(problem, f, problem.tried) for f in (base, best))
+    best = end.fit or fit
+    base, beside = (traced(problem, data, f, watch) for f in (search.base, best))
+    ranking = tuple(scores(problem, f, problem.tried) for f in (base, beside))
     fits = search.fits | {frozenset(): base, frozenset({NAME}): best}
     after = replace(search, problem=problem, data=data, base=base, best=best, fits=fits, ranking=ranking)
     return replace(after, asked={}, ended={})

@@ -227,14 +227,30 @@ def peaked(campaigns):
     return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL, conditions=2)
 
 
-def test_only_a_gross_misfit_that_moves_images_far_drags_them(two):
+@pytest.mark.parametrize(
+    ("pull", "gross", "expected"),
+    [(0.0, False, False), (0.0, True, False), (3.5, False, False), (3.5, True, True), (4.5, False, True)],
+)
+def test_images_are_dragged_where_they_cannot_be_whatever_is_left_over(two, pull, gross, expected):
+    """Nearer by a model that misfits grossly: a peak of the pressure was hidden by a longer block and moved images."""
     solution = two.base.solution
     at = next(i for i, p in enumerate(solution.names) if p.kind is Kind.SHIFT_U)
-    moved = solution.d.copy()
-    moved[at] += 4.0 * two.base.priors[solution.names[at]][1]
-    gross = {"chi2": 1.5 * solution.count}
-    for changes, expected in (({}, False), (gross, False), ({"d": moved}, False), (gross | {"d": moved}, True)):
-        assert dragged(replace(two.base, solution=replace(solution, **changes))) is expected
+    moved, (mean, sd) = solution.d.copy(), two.base.priors[solution.names[at]]
+    moved[at] = mean + pull * sd
+    chi2 = (1.5 if gross else 1.0) * solution.count
+    assert dragged(replace(two.base, solution=replace(solution, d=moved, chi2=chi2))) is expected
+
+
+@pytest.mark.parametrize(("share", "promise", "usable"), [(1.5, 0.9, True), (1.5, 1.1, False), (3.0, 1.1, True)])
+def test_a_gross_misfit_is_compared_before_its_best_point_is_near(two, share, promise, usable):
+    """`promise` in percent of what the misfit of 1.5 costs; without a gross misfit none of them would be near enough."""
+    solution = two.base.solution
+    gross = replace(solution, chi2=share * solution.count)
+    fit = replace(two.base, history=(1.0,), noisy=False, promise=0.01 * promise * 0.25 * solution.count, solution=gross)
+    assert fit.usable is usable
+    assert not fit.near
+    assert not fit.converged
+    assert not replace(fit, solution=replace(solution, chi2=1.0 * solution.count)).usable
 
 
 def test_a_full_fit_begins_where_runs_leave_least_and_ends_at_the_truth(peaked):

@@ -20,12 +20,13 @@ from flashtemp.model import layers
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
+from flashtemp.solver.circular_track import remembers
 
 CLEARLY = 0.5  # misfit otherwise over misfit as told, below which a recording is something else
 LIKELY = 1.4  # how much friction and contact that are not known may change a rise
 SEEN = 0.3  # K: misfits below it are no ground for suspicion
 LEAST = 0.1  # of numerics.finer that a case may give
-# rtol at most where the block turns: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
+# rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 FINE = 1e-4
 
 Run = Callable[[list[Task]], Sequence[Prediction | FlashtempError]]
@@ -117,12 +118,11 @@ def may_move(campaign: Campaign, case: Case, key: str) -> None:
 def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> dict[str, Any]:
     """Overrides that give a condition one mesh, whatever is tried on it."""
     case = campaign.load(condition.given)
-    meshes = [case.scene.mesh]
-    for c in tried:
-        if not c.optical:
-            meshes.append(case.with_values({"effects": [*case.effects, c.effect]}).scene.mesh)
+    others = [c.effect for c in tried if not c.optical]
+    scenes = [case.scene, *(case.with_values({"effects": [*case.effects, other]}).scene for other in others)]
+    meshes = [s.mesh for s in scenes]
+    returns = len(case.scene.schedule.directions) > 1 or any(map(remembers, scenes))
     refine = refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
-    turns = len(case.scene.schedule.directions) > 1
     return (
         window(case, condition.views)
         | layers.cells(case.scene, case.values["numerics"])
@@ -131,7 +131,7 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
             "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,
             "numerics.first_road": first_cells(case.scene, case.values["numerics"])["numerics.first_road"],
         }
-        | ({"numerics.rtol": min(FINE, case["numerics.rtol"])} if turns else {})
+        | ({"numerics.rtol": min(FINE, case["numerics.rtol"])} if returns else {})
     )
 
 

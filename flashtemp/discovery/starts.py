@@ -16,14 +16,14 @@ from flashtemp.discovery.scores import Score
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 
-DRAGGED = 3.0  # standard deviations by which an image, or the block, is not likely to be off
+DRAGGED = 3.0  # standard deviations by which an image, or the block, is not likely to be off where a model misfits
 
 
 def dragged(fit: Fit) -> bool:
-    """Whether a model that misfits grossly has dragged images or the block to where they are not: what extends it
-    begins where all was told to be."""
-    own = (*SHIFTS, *OF_THE_LABORATORY)
-    return fit.hopeless and any(abs(v) > DRAGGED for p, v in adequacy.pulls(fit).items() if p.kind in own)
+    """Whether a model has dragged images or the block to where they are not: what extends it begins where all was told
+    to be.  One that misfits grossly drags them anywhere; another one hides what it misses that way."""
+    own, far = (*SHIFTS, *OF_THE_LABORATORY), DRAGGED if fit.hopeless else adequacy.PULL
+    return any(abs(v) > far for p, v in adequacy.pulls(fit).items() if p.kind in own)
 
 
 def by_runs(problem: Problem, data: Data, fit: Fit, s: Score) -> dict[str, float]:

@@ -34,6 +34,23 @@ def heat(column) -> float:
     return float(RC * (DZ * column).sum())
 
 
+def test_road_between_columns_left_between_them_unless_the_block_stood():
+    """What every place left alike, 10 s to the metre, is found exactly 1 m between columns; after a wait each cools on."""
+    column = 30.0 * np.exp(-0.5 * (EDGES[1:] + EDGES[:-1])[::-1] / 3e-4)
+    one, two = track(), replace(track(), stops=(13.0,))
+    for t, ways in ((one, (0.0, 0.4, 1.0)), (two, (0.0, 1.0))):
+        for way in ways:
+            t.leave(5.0 + 10.0 * way, way, column)
+    sparse = track()
+    for way in (0.0, 1.0):
+        sparse.leave(5.0 + 10.0 * way, way, column)
+    now, there = 20.0, 3.5 + 0.4
+    np.testing.assert_allclose(sparse.carried(now, there), one.carried(now, there), atol=1e-12)
+    ends = [two.carried(now, 3.5 + way) for way in (0.0, 1.0)]
+    np.testing.assert_allclose(two.carried(now, there), 0.6 * ends[0] + 0.4 * ends[1], atol=1e-12)
+    assert abs(two.carried(now, there) - sparse.carried(now, there)).max() > 0.01
+
+
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
 def test_mean_heat_is_kept_until_the_next_pass(share):
     depth = 0.5 * (EDGES[1:] + EDGES[:-1])[::-1]

@@ -39,6 +39,7 @@ class Track:
     planes: int = 1  # across the direction of sliding
     apart: float = 0.0  # m between columns at least
     endless: bool = False  # nothing comes round
+    stops: tuple[float, ...] = ()  # s, when sliding ends
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
     left: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
@@ -130,13 +131,20 @@ class Track:
         return Incoming(*(self._found(t, place, law) for law in (carried, own)))
 
     def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
-        """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
+        """What road between the columns before and after each place has become by t, of `amplitude` (columns, n_road,
+        n_across).
+
+        It left between them in time too, and columns of long steps lie seconds apart: unless the block stood between.
+        """
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
         first, then = zip(*(self._around(place - self.lap) for place in np.ravel(places).tolist()), strict=True)
         at, weight = zip(*first, *then, strict=True)
-        age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
-        fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
+        left, weights = np.array([self.time[j] for j in at]).reshape(2, -1), np.array(weight).reshape(2, -1)
+        stood = np.subtract(*(np.searchsorted(self.stops, x) for x in (left.max(axis=0), left.min(axis=0)))) > 0
+        age = np.maximum(t - left, 0.0)
+        age = np.where(stood, age, np.sum(weights * age, axis=0))
+        fade = weights.reshape(-1, 1) * np.exp(-self.rates * age.reshape(-1, 1))
         parts = fade[:, :, None] * amplitude(at)
         rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
@@ -195,7 +203,10 @@ def track_of(balance: Balance, lap: float | None) -> Track:
     apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
+    stops = tuple(p.end for p in scene.schedule.phases if p.sliding)
+    return Track(
+        lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless, stops
+    )
 
 
 def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:

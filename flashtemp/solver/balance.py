@@ -104,6 +104,12 @@ class Balance:
         return weight, np.ascontiguousarray(np.swapaxes(deep, 1, 2)).reshape(len(self.cell_block), -1)
 
     @cached_property
+    def calm(self) -> bool:
+        """Whether pressure and contact laws follow from place and schedule alone: nothing worn, warm or turned has a say."""
+        told = ("holder.compliance", "contact.pressure_by_friction", "contact.cover")
+        return not (self.laws.restless or self.abrades or self.expansion or any(map(self.laws.has, told)))
+
+    @cached_property
     def nonlinear_conductivity(self) -> bool:
         return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
 

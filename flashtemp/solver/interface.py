@@ -62,7 +62,7 @@ class Interface:
         `T` (cells,) rises, `road` that enters as `System.road` says, `kf` (cells,) factor on k.
         """
         b = self.b
-        if self._calm:
+        if b.calm:
             self._recall(now)
             if self.recent.settled is not None:
                 return now, *self.recent.settled
@@ -78,16 +78,9 @@ class Interface:
             free = free if sheared is None else free + mean * sheared
         press = b.foundation.settle(free, now.pressure, moment, turning)
         state = self.state(now, press.pressure, T)
-        if self._calm and self.recent.even:
+        if b.calm and self.recent.even:
             self.recent.settled = press, state
         return now, press, state
-
-    @cached_property
-    def _calm(self) -> bool:
-        """Whether pressure and contact laws follow from what `_recall` looks at, lanes too where phi is even."""
-        b = self.b
-        told = ("holder.compliance", "contact.pressure_by_friction", "contact.cover")
-        return not (b.laws.restless or b.abrades or b.expansion or any(b.laws.has(target) for target in told))
 
     def _pressed(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""

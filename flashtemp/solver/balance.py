@@ -105,7 +105,7 @@ class Balance:
 
     @cached_property
     def calm(self) -> bool:
-        """Whether pressure and contact laws follow from place and schedule alone: nothing worn, warm or turned has a say."""
+        """Whether pressure and contact laws follow from place and schedule: nothing worn, warm or turned has a say."""
         told = ("holder.compliance", "contact.pressure_by_friction", "contact.cover")
         return not (self.laws.restless or self.abrades or self.expansion or any(map(self.laws.has, told)))
 

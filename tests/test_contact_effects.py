@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -10,8 +14,11 @@ from scipy.special import j0, jn_zeros, jv
 from flashtemp.errors import BadInput
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.model.numerics import Settings, choose
-from flashtemp.physics.effect import find
+from flashtemp.model.scene import Acting
+from flashtemp.physics.effect import Effect, Factor, find
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.balance import Balance
@@ -54,6 +61,39 @@ def at_the_end(lab, scene):
     assert march(scene, Settings(choose(None), 1e-7, profiles=4), state=state).energy_imbalance < lab.LEAK
     system = System(balance, scene.schedule.phases[-1])
     return system.contact(system.moment(scene.schedule.end), state.y).flux, balance.worn_depth(state.y)
+
+
+# --- what is asked once ------------------------------------------------------------------------------
+class Warmed(Effect):
+    """Contact that grows with the face's mean temperature, everywhere alike, and calls itself steady."""
+
+    steady = True
+
+    def heat(self, scene, p):
+        yield Factor(
+            "contact.spot_fraction",
+            lambda T, now, p: 1.0 if now.face is None else 1.0 + 0.02 * np.ptp([293.0, *now.face]),
+        )
+
+
+@pytest.mark.parametrize("lifted", [True, False])
+@pytest.mark.parametrize(
+    "name",
+    ["", "pressure_tilt", "edge_pressure", "interface_resistance", "spot_saturation", "conductance_speed", "warm"],
+)
+def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch, name, lifted):
+    """To the bit, while speed and pressure change, at the start, at rest and lifted."""
+    given = {k.replace("__", "."): v for k, v in QUICK.items()} | {"schedule.lifted": lifted, "output.profiles": 4}
+    given |= {"schedule.speed": [[0.0, 0.1], [0.5, 0.1], [1.0, 0.3]], "contact.pressure": [[0.0, 1e5], [0.3, 2e5]]}
+    made = assemble({"effects": [name]} if name not in ("", "warm") else {}, given, Places("none"), Path(), "asked")
+    plain = made.scene
+    if name == "warm":
+        plain = replace(plain, acting=(*plain.acting, Acting("warmed", Warmed(), SimpleNamespace())))
+    once = march(plain, made.settings)
+    monkeypatch.setattr(Balance, "calm", False)
+    always = march(plain, made.settings)
+    for what in ("time", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction"):
+        np.testing.assert_array_equal(getattr(once, what), getattr(always, what), err_msg=what)
 
 
 # --- a column of cells that nobody else has seen ---------------------------------------------------

@@ -232,7 +232,7 @@ def peaked(campaigns):
     [(0.0, False, False), (0.0, True, False), (3.5, False, False), (3.5, True, True), (4.5, False, True)],
 )
 def test_images_are_dragged_where_they_cannot_be_whatever_is_left_over(two, pull, gross, expected):
-    """Nearer by a model that misfits grossly: a peak of the pressure was hidden by a longer block and moved images."""
+    """Beyond 3 sd by a model that misfits grossly, beyond 4 by any: moved images and a longer block can hide a peak."""
     solution = two.base.solution
     at = next(i for i, p in enumerate(solution.names) if p.kind is Kind.SHIFT_U)
     moved, (mean, sd) = solution.d.copy(), two.base.priors[solution.names[at]]

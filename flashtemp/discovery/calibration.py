@@ -50,10 +50,9 @@ class Descent:
     `effects` candidates that the model holds and moves; `rough`: a model that misfits grossly need not be exact
     (what extends it must).  `fit` at the best point so far, `trust` how long a step may be (in prior standard
     deviations) after one that lost, `back` steps back in a row, `tried` points in all, `gained` ln evidence by the last
-    that was no step back; `bent` whether traces are taken
-    anew at the next point (after a short step they are not: whoever needs them exact traces the end once more);
-    `failed` says why it ends.  What extends a traced `parent` has only what is new traced and borrows the other traces
-    from it, as long as its steps grow shorter.
+    that was no step back; `bent` whether traces are taken anew at the next point (after a short step they are not:
+    whoever needs them exact traces the end once more); `failed` says why it ends.  What extends a traced `parent` has
+    only what is new traced and borrows the other traces from it, as long as its steps grow shorter.
     """
 
     problem: Problem

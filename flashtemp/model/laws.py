@@ -25,12 +25,15 @@ class Laws:
         self.zones: list[tuple[Heat, Any, str]] = []
         self.deposits: list[Deposit] = []
         self.restless = False  # an effect's word about the contact changes: ask it at every moment
+        self.calm_contact = True  # all that is said of it is the base's, but for the shape of the pressure
         self.calm_films = True  # all films are the base's: they change with whether the block touches, and with the air
         for acting in scene.acting:
             for part in acting.contributions(scene):
                 target = getattr(part, "target", "")
                 kind = acting.effect
-                self.restless |= not (kind.base or kind.steady) and target.startswith(("contact.", "road.lane"))
+                touching = not kind.base and target.startswith(("contact.", "road.lane"))
+                self.restless |= touching and not kind.steady
+                self.calm_contact &= not touching or target == "contact.pressure"
                 if isinstance(part, Term):
                     self.terms.setdefault(part.target, []).append((part, acting.p, acting.name))
                 elif isinstance(part, Factor):

@@ -107,7 +107,8 @@ class Balance:
     def calm(self) -> bool:
         """Whether pressure and contact laws follow from place and schedule: nothing worn, warm or turned has a say."""
         told = ("holder.compliance", "contact.pressure_by_friction", "contact.cover")
-        return not (self.laws.restless or self.abrades or self.expansion or any(map(self.laws.has, told)))
+        still = self.laws.calm_contact and not self.laws.restless
+        return still and not (self.abrades or self.expansion or any(map(self.laws.has, told)))
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:

@@ -39,7 +39,6 @@ class Track:
     planes: int = 1  # across the direction of sliding
     apart: float = 0.0  # m between columns at least
     endless: bool = False  # nothing comes round
-    stops: tuple[float, ...] = ()  # s, when sliding ends
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
     left: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
@@ -131,20 +130,13 @@ class Track:
         return Incoming(*(self._found(t, place, law) for law in (carried, own)))
 
     def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
-        """What road between the columns before and after each place has become by t, of `amplitude` (columns, n_road,
-        n_across).
-
-        It left between them in time too, and columns of long steps lie seconds apart: unless the block stood between.
-        """
+        """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
         first, then = zip(*(self._around(place - self.lap) for place in np.ravel(places).tolist()), strict=True)
         at, weight = zip(*first, *then, strict=True)
-        left, weights = np.array([self.time[j] for j in at]).reshape(2, -1), np.array(weight).reshape(2, -1)
-        stood = np.subtract(*(np.searchsorted(self.stops, x) for x in (left.max(axis=0), left.min(axis=0)))) > 0
-        age = np.maximum(t - left, 0.0)
-        age = np.where(stood, age, np.sum(weights * age, axis=0))
-        fade = weights.reshape(-1, 1) * np.exp(-self.rates * age.reshape(-1, 1))
+        age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
+        fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
         parts = fade[:, :, None] * amplitude(at)
         rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
@@ -203,10 +195,7 @@ def track_of(balance: Balance, lap: float | None) -> Track:
     apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    stops = tuple(p.end for p in scene.schedule.phases if p.sliding)
-    return Track(
-        lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless, stops
-    )
+    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
 
 
 def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
@@ -247,13 +236,15 @@ def pass_by(system: System, began: float, t: float, at: Callable[[float], np.nda
     """Keep what left the window during a step from `began` to t, of which `at` is the state at a time.
 
     Columns stand at whole multiples of the track's spacing: where steps happen to end must not show when they return.
+    Long steps leave some besides: one for every length of the block, or for ten spacings where that is more.
     """
     if system.b.road_frame is not None or not track.place:
         leave(system, t, at(t), track)
         return
     scene = system.b.scene
     was, place = (scene.schedule.passed(system.phase, moment) - scene.mesh.x[-1] for moment in (began, t))
-    due = track.apart * np.floor(place / track.apart)
-    if due > max(was, track.place[-1]):
-        moment = began + (t - began) * (due - was) / (place - was)
-        leave(system, moment, at(moment), track, 0.5 * track.apart)
+    due, wide = track.apart * np.floor(place / track.apart), track.apart * max(10, round(scene.length / track.apart))
+    if due > (since := max(was, track.place[-1])):
+        for way in (*(wide * np.arange(np.floor(since / wide) + 1.0, np.ceil(due / wide))), due):
+            moment = began + (t - began) * (way - was) / (place - was)
+            leave(system, moment, at(moment), track, 0.5 * track.apart)

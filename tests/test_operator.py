@@ -12,7 +12,10 @@ from scipy.special import erfc
 from scipy.stats import norm
 
 from flashtemp.camera import observation
-from flashtemp.camera.observation import Instrument, observe, pixel_weights
+from flashtemp.camera.instrument import Instrument
+from flashtemp.camera.observation import observe
+from flashtemp.camera.pixels import Axis, weights
+from flashtemp.camera.placement import Place
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.wall import Face, wall_rise
@@ -64,7 +67,7 @@ def test_weights_are_the_integrals_of_pixel_and_point_spread(sigma):
             return float(abs(x) < 0.5 * pitch) / pitch
         return (norm.cdf((x + 0.5 * pitch) / sigma) - norm.cdf((x - 0.5 * pitch) / sigma)) / pitch
 
-    for centre, got in zip(centres, pixel_weights(centres, pitch, sigma, nodes) @ values, strict=True):
+    for centre, got in zip(centres, weights(Axis(centres, pitch, sigma), nodes)[0] @ values, strict=True):
         cuts = [*nodes, *(c for c in (centre - 0.5 * pitch, centre + 0.5 * pitch) if nodes[0] < c < nodes[-1])]
         cuts = sorted(cuts)
         parts = [
@@ -78,21 +81,23 @@ def test_weights_of_pixels_inside_sum_to_one_and_keep_a_slope():
     nodes = np.sort(np.random.default_rng(2).uniform(0, L, 20))
     centres = np.linspace(nodes[0] + 3e-3, nodes[-1] - 3e-3, 9)
     for sigma in (0.0, 3e-4):
-        weights = pixel_weights(centres, 5e-4, sigma, nodes)
-        np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
-        np.testing.assert_allclose(weights @ nodes, centres, atol=1e-12)
+        [seen] = weights(Axis(centres, 5e-4, sigma), nodes)
+        np.testing.assert_allclose(seen.sum(axis=1), 1.0, atol=1e-12)
+        np.testing.assert_allclose(seen @ nodes, centres, atol=1e-12)
 
 
-@pytest.mark.parametrize("quantity", ["centre", "sigma"])
-def test_weights_pass_a_complex_step_on(quantity):
+@pytest.mark.parametrize("sigma", [0.0, 3e-4])
+@pytest.mark.parametrize("quantity", ["centre", "size"])
+def test_weights_bring_their_slopes_along(quantity, sigma):
     nodes, at = np.linspace(0, L, 11), np.array([3.3e-3, 0.012])
 
-    def weights(h):
-        shift, spread = (h, 0.0) if quantity == "centre" else (0.0, h)
-        return pixel_weights(at + shift, 5e-4, 3e-4 + spread, nodes)
+    def moved(h, slopes=False):
+        shift, grown = (h, 1.0) if quantity == "centre" else (0.0, 1.0 + h)
+        return weights(Axis(at + shift, 5e-4 * grown, sigma * grown), nodes, slopes)
 
-    slope = weights(1e-30j).imag / 1e-30
-    np.testing.assert_allclose(slope, (weights(1e-8) - weights(-1e-8)) / 2e-8, atol=1e-4 * np.abs(slope).max())
+    h = {"centre": 1e-8, "size": 1e-5}[quantity]
+    slope = moved(0.0, True)[{"centre": 1, "size": 2}[quantity]]
+    np.testing.assert_allclose(slope, (moved(h)[0] - moved(-h)[0]) / (2 * h), atol=1e-6 * np.abs(slope).max() + 1e-8)
 
 
 def test_error_against_an_analytic_field_falls_with_the_square_of_the_cells(slid):
@@ -200,18 +205,27 @@ def test_a_lag_and_an_exposure_show_an_earlier_time(slid):
     assert Instrument(replace(told, exposure_s=0.2)).times() == pytest.approx([0.9])
 
 
-def test_the_operator_is_differentiable(slid):
-    """d(image)/d(shift) and d(image)/d(emissivity) by complex step against differences."""
+@pytest.mark.parametrize("view", ["sidewall", "profile", "wake"])
+@pytest.mark.parametrize("place", [Place(), Place(0.01, 0.03)], ids=["as told", "turned"])
+@pytest.mark.parametrize("name", ["shift_u", "shift_v", "scale", "turn", "gain", "spread"])
+def test_slopes_are_those_of_images_that_lie_otherwise(slid, view, place, name):
+    """All by differences of images, with an effect that blurs and one that shifts."""
     scene, run = slid
-    told = recording(emissivity=0.95, psf_sigma_px=0.7)
-    for given, h in (({"shift": (1.0, 0.0)}, 1e-4), ({"shift": (0.0, 1.0)}, 1e-4), ({"change": 1.0}, 1e-5)):
+    told = recording(view, emissivity=0.95, psf_sigma_px=0.7, times=(0.3, 1.0))
+    seeing = acting("blur", sigma=0.4), acting("registration", du=0.3, dv=-0.2)
 
-        def image(step, given=given):
-            return observe(run, scene, told, **{k: np.multiply(step, v) for k, v in given.items()}).temperature
+    def image(h):
+        wider = replace(told, psf_sigma_px=0.7 * (1.0 + h * (name == "spread")))
+        shift, change = (h * (name == "shift_u"), h * (name == "shift_v")), h * (name == "gain")
+        there = replace(place, scale=place.scale + h * (name == "scale"), turn=place.turn + h * (name == "turn"))
+        return observe(run, scene, wider, seeing, shift, change, there).temperature
 
-        slope = image(1e-30j).imag / 1e-30
-        wanted = (image(h) - image(-h)) / (2 * h)
-        np.testing.assert_allclose(slope, wanted, atol=1e-5 * np.abs(slope).max())
+    slope = observe(run, scene, told, seeing, place=place, slopes=True).slopes[name]
+    h = {"shift_u": 1e-3, "shift_v": 1e-3, "scale": 1e-4, "turn": 1e-4, "gain": 1e-5, "spread": 1e-4}[name]
+    wanted = (image(h) - image(-h)) / (2 * h)
+    near = np.broadcast_to(observe(run, scene, told, seeing).inside, wanted.shape)
+    rough = {"turn": 3e-3, "spread": 2e-3}.get(name, 1e-4)  # skewed pixels; a box that is no Gaussian
+    np.testing.assert_allclose(slope[near], wanted[near], atol=rough * np.abs(wanted).max() + 1e-6)
 
 
 @pytest.mark.parametrize("view", ["sidewall", "profile", "wake"])

@@ -6,17 +6,17 @@ turns the mean back with the emissivity and the reflected temperature it was tol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flashtemp.camera import point_observation
-from flashtemp.camera.placement import AS_TOLD, Kept, Place, corner, hats, pivot, turned
-from flashtemp.camera.point_observation import asked, readings
-from flashtemp.camera.radiometry import LONG_WAVE
+from flashtemp.camera.instrument import Instrument, Sight
+from flashtemp.camera.pixels import Kept
+from flashtemp.camera.placement import AS_TOLD, Place, corner
+from flashtemp.camera.point_observation import readings
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.wall import Face, corner_length, film_steps, wall_rise
 from flashtemp.errors import BadInput
@@ -24,7 +24,6 @@ from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.interpolation import between
 from flashtemp.physics.quantities import KELVIN
 
-TYPICAL = 0.95  # emissivity where a recording does not say
 WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
 ABOVE = 10  # even cells up the block where a side wall is seen
 PARTS = 3  # points per cell of the fields that are seen
@@ -36,21 +35,19 @@ TAIL = 4.0  # widths of the optics within which a road's edge shows
 
 @dataclass(frozen=True)
 class Seen:
-    """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road."""
+    """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road.
+
+    `slopes` (frames, nv, nu) where they are asked for: what temperature changes as the image lies otherwise, by
+    "shift_u" and "shift_v" (K/px), "scale" (K) and "turn" (K/rad), per share of "spread" (K) that the optics blur more,
+    and as its "gain" (K) per emissivity that the body has more than told.
+    """
 
     temperature: np.ndarray
     inside: np.ndarray
+    slopes: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-# --- pixels -----------------------------------------------------------------------------------------
-def pixel_weights(centres, pitch: float, sigma, nodes) -> np.ndarray:
-    """Weights (pixels, nodes) of a field that is linear between nodes (m) and zero outside them.
-
-    A pixel is a box of `pitch` (m) convolved with a Gaussian of `sigma` (m); exact integrals.
-    """
-    return hats(np.asarray(centres)[:, None] - np.asarray(nodes)[None], pitch, sigma, np.diff(nodes))
-
-
+# --- fields between cells --------------------------------------------------------------------------------
 def _ends(values, axis: int):
     """A field with its outermost values repeated at the ends of an axis."""
     return np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
@@ -91,28 +88,6 @@ def _between_cells(n: int) -> np.ndarray:
 
 
 # --- the operator -----------------------------------------------------------------------------------
-class Instrument:
-    """The camera with what acts on it: values of its quantities for a recording, stamped late by `clock` (s)."""
-
-    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = (), clock: float = 0.0):
-        self.recording = recording
-        self.clock = clock
-        self.laws = [(part, a.p) for a in acting for part in a.effect.see(a.p)]
-
-    def __call__(self, quantity: str, base):
-        """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
-        now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
-        return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
-
-    def times(self) -> np.ndarray:
-        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
-        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", self.clock)
-
-    def asked(self) -> np.ndarray:
-        """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
-        return self.times() if self.recording.places is None else asked(self.recording.places, self.times())
-
-
 def check(recording: Recording, scene: Scene, file: str) -> None:
     """BadInput for what no camera or thermocouple of this scene can see."""
     if recording.view == "sidewall" and scene.layers:
@@ -124,43 +99,35 @@ def check(recording: Recording, scene: Scene, file: str) -> None:
 
 
 def observe(
-    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change=0.0,
+    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change: float = 0.0,
     place: Place = AS_TOLD, kept: Kept | None = None, face: Face | None = None,
-    ruler: tuple[float, float] | None = None,
+    ruler: tuple[float, float] | None = None, slopes: bool = False,
 ) -> Seen:  # fmt: skip
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
-    `shift` (px along u, v) of the whole image and `change` of the true emissivity against the one told
-    may be complex for their derivatives; `place` is the image's scale, turn and clock, `kept` what
-    turned images of one recording share, `face` the history of the block's face where the run has few records.
-    `ruler`: length and width (m) of the block by which pixels are chosen, where they are not the scene's.
+    `shift` (px along u, v) of the whole image, `change` of the true emissivity against the one told; `place` is the
+    image's scale, turn and clock, `kept` what turned images of one recording share, `face` the history of the block's
+    face where the run has few records.  `ruler`: length and width (m) of the block by which pixels are chosen, where
+    they are not the scene's.  With `slopes` those of `Seen` come along (thermocouples have none).
     Fields of the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
     """
     camera = Instrument(recording, acting, place.clock)
     if recording.places is not None:
         return _at_points(run, recording, camera)
     times = np.clip(camera.times(), 0.0, run.time[-1])
-    background = scene.ambient - KELVIN
-    line = recording.view == "profile"
-    given = recording.emissivity or (1.0 if line else TYPICAL)
-    reflected = background if recording.reflected_degC is None else recording.reflected_degC
-    emissivity = camera("emissivity", given + change)
-    mirrored = (1.0 - emissivity) * LONG_WAVE.counts(camera("reflected", reflected))
-    outside = LONG_WAVE.counts(background)
+    sight = Sight.of(camera, scene, shift, change, place)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
-    shown: np.ndarray | None = None
+    shown: dict[str, np.ndarray] = {}
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
         near = run if len(batches) == 1 else _around(run, times[batch])
         body, along, up = _body(near, scene, recording, times[batch], face)
-        light = LONG_WAVE.counts(body) - outside
-        S = outside + _through(camera, light, (along, up), shift, place, scene.length, kept)
-        told = (emissivity * S + mirrored - (1.0 - given) * LONG_WAVE.counts(reflected)) / given
-        part = LONG_WAVE.temperature(told) + offset[batch]
-        shown = np.empty((len(times), *part.shape[1:]), part.dtype) if shown is None else shown
-        shown[batch] = part
-    assert shown is not None
-    return Seen(shown, _inside(recording, *_as_told(recording, scene, ruler, along, up)))
+        for name, part in sight.shown(body, (along, up), kept, slopes).items():
+            if name not in shown:
+                shown[name] = np.empty((len(times), *part.shape[1:]), np.float32 if name else float)
+            shown[name][batch] = part
+    temperature = shown.pop("") + offset
+    return Seen(temperature, _inside(recording, *_as_told(recording, scene, ruler, along, up)), shown)
 
 
 def _at_points(run, recording: Recording, camera: Instrument) -> Seen:
@@ -177,33 +144,6 @@ def _around(run, times: np.ndarray):
     k = slice(max(np.searchsorted(kept, times.min()) - 1, 0), np.searchsorted(kept, times.max()) + 1)
     maps = {name: values[k] for name, values in run.maps.items()}
     return replace(run, frames=run.frames[k], field=run.field[k], maps=maps)
-
-
-def _through(camera: Instrument, light, nodes, shift, place: Place, length: float, kept: Kept | None):
-    """Light (frames, nv, nu) that pixels get from a body (frames, v nodes, u nodes) with `nodes` (m) along u and v."""
-    recording = camera.recording
-    (u, *along), (v, *up) = (_axis(camera, a, shift, place, length) for a in (0, 1))
-    if place.turn and recording.view != "profile":
-        return turned(light, nodes, (u, v), (along, up), place, pivot(recording, length), kept)
-    z = np.ones((1, 1)) if recording.view == "profile" else pixel_weights(v, up[0], up[1], nodes[1])
-    x = pixel_weights(u, along[0], along[1], nodes[0])
-    frames, high, _ = light.shape  # two large products: many small ones would wake threads for each
-    lines = (light.reshape(frames * high, -1) @ x.T).reshape(frames, high, -1)
-    return np.swapaxes(np.tensordot(z, lines, (1, 1)), 0, 1)
-
-
-def _axis(camera: Instrument, axis: int, shift, place: Place, length: float):
-    """Pixel centres, pitch and point spread (m) along u (0) or v (1) with the camera's shift and the image's scale."""
-    recording, name = camera.recording, "uv"[axis]
-    pitch = recording.pitch[axis]
-    if not np.isfinite(pitch):
-        pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
-    centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
-    if place.scale:
-        about = 0.0 if axis else corner(recording, length)
-        centres, pitch = about + (centres - about) * (1.0 + place.scale), pitch * (1.0 + place.scale)
-    sigma = camera("blur", recording.psf_sigma_px or 0.0)
-    return centres, pitch, sigma * pitch
 
 
 def _body(run, scene, recording, times, face: Face | None):

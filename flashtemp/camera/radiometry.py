@@ -56,6 +56,12 @@ class Planck:
             T = self.B / np.log(self.R1 / (self.R2 * np.where(real, light, 1.0)) + self.F) - KELVIN
         return np.where(real, T, np.nan)
 
+    def slope(self, counts):
+        """dT/dS (K per count) there."""
+        T, light = self.temperature(counts) + KELVIN, counts + self.O
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return T**2 / (self.B * light * (1.0 + self.F * self.R2 * light / self.R1))
+
 
 LONG_WAVE = Planck(1.0, 1.0, 1428.0)  # a generic 8-14 um band, for files that hold temperatures only
 

@@ -9,7 +9,7 @@ import numpy as np
 from flashtemp.camera.observation import Seen, observe
 from flashtemp.camera.recording import Recording
 
-STEP = 1e-30
+SHIFTS = ("shift_u", "shift_v")  # slopes of what is seen, as `Seen` names them
 FAR = 3.0  # standard deviations: a shift beyond is not the image's
 
 
@@ -37,22 +37,19 @@ def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) ->
     if recording.view == "wake":
         axes = [a for a in axes if a == 0]
     shift = np.zeros(2)
-    seen, acting = plain, scene.acting
+    acting = scene.acting
     if known <= 0.0 or not axes:
         return Alignment((0.0, 0.0), (0.0, 0.0), plain)
+    seen = observe(run, scene, recording, acting, slopes=True)
     for _ in range(8):
         left = _column(weigh, recording.temperature - seen.temperature, seen)
-        slopes = []
-        for a in axes:
-            moved = shift + 1j * STEP * np.eye(2)[a]
-            slopes.append(_column(weigh, observe(run, scene, recording, acting, moved).temperature.imag / STEP, seen))
-        J = np.stack(slopes, axis=1)
+        J = np.stack([_column(weigh, seen.slopes[SHIFTS[a]], seen) for a in axes], axis=1)
         good = np.isfinite(left)
         normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
         step = np.linalg.solve(normal, J[good].T @ left[good] - shift[axes] / known**2)
         step = np.clip(step, -1.0, 1.0)
         shift[axes] += step
-        seen = observe(run, scene, recording, acting, shift)
+        seen = observe(run, scene, recording, acting, shift, slopes=True)
         if np.abs(step).max() < 1e-6:
             break
     if np.abs(shift).max() > FAR * known:

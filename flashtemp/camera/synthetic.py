@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.observation import Instrument, check, observe
+from flashtemp.camera.instrument import Instrument
+from flashtemp.camera.observation import check, observe
 from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.physics.quantities import KELVIN

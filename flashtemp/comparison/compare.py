@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera import observation
-from flashtemp.camera.observation import ABOVE, WAKE, Instrument, Seen, observe
+from flashtemp.camera.instrument import Instrument
+from flashtemp.camera.observation import ABOVE, WAKE, Seen, observe
 from flashtemp.camera.registration import align
 from flashtemp.comparison.campaign import Campaign, Condition, Force, View
 from flashtemp.comparison.noise import Noise, Place, lag_one, noise, structured, whiten

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.observation import observe
-from flashtemp.camera.placement import Kept, Place
+from flashtemp.camera.observation import Seen, observe
+from flashtemp.camera.pixels import Kept
+from flashtemp.camera.placement import Place
+from flashtemp.camera.recording import Recording
 from flashtemp.camera.wall import Face
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
@@ -33,7 +35,6 @@ from flashtemp.solver.sensitivity import Move, Neighbourhood, explore
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 Columns = dict[ParameterId, Array]
-STEP = 1e-30  # complex step of what is linear in pixels and radiance
 FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
 SIZES, SIZED = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
 LAG = 0.02  # s: step of what moves frames in time
@@ -220,14 +221,17 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
-        shift: Any = shift, change: Any = 0.0, place: Place = place,
+        place: Place = place,
     ) -> Array:  # fmt: skip
         history = face if run is near.run else face.beside(run, near.level)
-        T = observe(run, scene, recording, acting, shift, change, place, kept, history, ruler).temperature
-        return T if view.means is None else view.means.of(recording.time, T)
+        return mean(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
 
-    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face, ruler)
-    seen = now if view.means is None else replace(now, temperature=view.means.of(recording.time, now.temperature))
+    def mean(values: Array) -> Array:
+        """What a recording that was condensed keeps of frames."""
+        return values if view.means is None else view.means.of(recording.time, values)
+
+    now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face, ruler, asked.optics)
+    seen = replace(now, temperature=mean(now.temperature))
     columns: dict[ParameterId, Single] = {}
 
     def keep(name: ParameterId, change: Array) -> None:
@@ -236,23 +240,29 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
         keep(name, (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step)
-    for c in asked.candidates:
-        if c.optical:
-            for k, a in c.strengths.items():
-                keep(c.column(k), _optical(point, see, c, k, a, seen.temperature))
-    for p in asked.own:
-        if p.kind is Kind.EFFECT and p not in columns:
-            keep(p, _refined(point, see, p, seen.temperature))
+    for name, change in _in_the_camera(point, see, seen.temperature):
+        keep(name, change)
     if asked.optics:
-        if recording.places is None:
-            unknown = _optics(see, recording, shift, place, scene.length)
-        else:
-            unknown = thermocouples.columns(see, recording, seen.temperature - scene.ambient + KELVIN)
-        for name, change in unknown.items():
-            keep(name, change)
+        for name, change in _optics(now, recording).items():
+            keep(name, mean(change))
+        if recording.places is not None:
+            rise = seen.temperature - scene.ambient + KELVIN
+            for name, change in thermocouples.columns(see, recording, rise).items():
+                keep(name, change)
         later = see(place=replace(place, clock=place.clock + LAG))
         keep(ParameterId(Kind.CLOCK), (later - seen.temperature) / LAG)
     return Observable(seen.temperature, seen.inside, columns)
+
+
+def _in_the_camera(point: Point, see: Callable[..., Array], plain: Array) -> Iterator[tuple[ParameterId, Array]]:
+    """Traces of effects that act in the camera: of candidates, and of those that the model holds."""
+    for c in point.task.derivatives.candidates:
+        if c.optical:
+            for k, a in c.strengths.items():
+                yield c.column(k), _optical(point, see, c, k, a, plain)
+    for p in point.task.derivatives.own:
+        if p.kind is Kind.EFFECT and point.case.known[p.effect].heat is Effect.heat:
+            yield p, _refined(point, see, p, plain)
 
 
 def packed(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
@@ -279,28 +289,19 @@ def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Arr
     return (see(acting=(*others, moved)) - plain) / step
 
 
-def _optics(
-    see: Callable[..., Array], recording: Any, shift: tuple[float, float], place: Place, length: float
-) -> Columns:
+def _optics(seen: Seen, recording: Recording) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
-    out: Columns = {}
-    slopes = np.zeros((2, *recording.temperature.shape))
-    for axis, n in ((0, len(recording.u)), (1, len(recording.v))):
-        if n > 1:
-            moved = np.array(shift) + 1j * STEP * np.eye(2)[axis]
-            slopes[axis] = see(shift=moved).imag / STEP
-            if recording.registration_sigma_px and (axis == 0 or recording.view != "wake"):
-                out[ParameterId(SHIFTS[axis])] = slopes[axis]
-    larger, further = replace(place, scale=place.scale + 1j * STEP), replace(place, turn=place.turn + 1j * STEP)
-    out[ParameterId(Kind.SCALE)] = see(place=larger).imag / STEP
-    if len(recording.u) > 1 and len(recording.v) > 1:
-        out[ParameterId(Kind.TURN)] = see(place=further).imag / STEP
-    if recording.view != "profile":
-        out[ParameterId(Kind.GAIN)] = see(change=1j * STEP).imag / STEP
-    if recording.psf_sigma_px:
-        wide = replace(recording, psf_sigma_px=recording.psf_sigma_px * 1.01)
-        out[ParameterId(Kind.SPREAD)] = (see(recording=wide) - see()) / 0.01
-    return out
+    told, slopes = bool(recording.registration_sigma_px), seen.slopes
+    wide, high = len(recording.u) > 1, len(recording.v) > 1
+    unknown = {
+        SHIFTS[0]: told and wide,
+        SHIFTS[1]: told and high and recording.view != "wake",
+        Kind.SCALE: True,
+        Kind.TURN: wide and high,
+        Kind.GAIN: recording.view != "profile",
+        Kind.SPREAD: bool(recording.psf_sigma_px),
+    }
+    return {ParameterId(k): slopes[k.value] for k, is_so in unknown.items() if is_so and slopes}
 
 
 def _force(force: Force, near: Neighbourhood[ParameterId]) -> Observable:

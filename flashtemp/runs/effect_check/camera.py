@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.camera.observation import Instrument
+from flashtemp.camera.instrument import Instrument
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import FlashtempError
 from flashtemp.runs.effect_check import remedies

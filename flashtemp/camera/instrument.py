@@ -1,0 +1,125 @@
+"""A camera with what acts on it: its clock, where its pixels lie, and what it makes of the light that they get."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from flashtemp.camera.pixels import Axis, Kept, Light, straight, turned
+from flashtemp.camera.placement import Place, corner, pivot
+from flashtemp.camera.point_observation import asked
+from flashtemp.camera.radiometry import LONG_WAVE
+from flashtemp.camera.recording import Recording
+from flashtemp.model.scene import Acting, Scene
+from flashtemp.physics.quantities import KELVIN
+
+TYPICAL = 0.95  # emissivity where a recording does not say
+
+
+class Instrument:
+    """The camera with what acts on it: values of its quantities for a recording, stamped late by `clock` (s)."""
+
+    def __init__(self, recording: Recording, acting: tuple[Acting, ...] = (), clock: float = 0.0):
+        self.recording = recording
+        self.clock = clock
+        self.laws = [(part, a.p) for a in acting for part in a.effect.see(a.p)]
+
+    def __call__(self, quantity: str, base):
+        """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
+        now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
+        return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
+
+    def times(self) -> np.ndarray:
+        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
+        return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", self.clock)
+
+    def asked(self) -> np.ndarray:
+        """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
+        return self.times() if self.recording.places is None else asked(self.recording.places, self.times())
+
+
+@dataclass(frozen=True)
+class Sight:
+    """A camera's axes along u and v and its radiometry: `emissivity` true and `given`, counts that are `mirrored` truly
+    and as told, and of what is `outside` the body."""
+
+    recording: Recording
+    axes: tuple[Axis, Axis]
+    place: Place
+    length: float
+    own: float  # share of the width of its point spread that the recording tells
+    emissivity: float
+    given: float
+    mirrored: float
+    told: float
+    outside: float
+
+    @classmethod
+    def of(cls, camera: Instrument, scene: Scene, shift, change: float, place: Place) -> Sight:
+        recording, background = camera.recording, scene.ambient - KELVIN
+        given = recording.emissivity or (1.0 if recording.view == "profile" else TYPICAL)
+        reflected = background if recording.reflected_degC is None else recording.reflected_degC
+        u, v = (_axis(camera, a, shift, place, scene.length) for a in (0, 1))
+        blur = camera("blur", recording.psf_sigma_px or 0.0)
+        return cls(
+            recording, (u, v), place, scene.length, (recording.psf_sigma_px or 0.0) / (blur or 1.0),
+            camera("emissivity", given + change), given, LONG_WAVE.counts(camera("reflected", reflected)),
+            LONG_WAVE.counts(reflected), LONG_WAVE.counts(background),
+        )  # fmt: skip
+
+    def shown(self, body, nodes, kept: Kept | None, slopes: bool) -> dict[str, np.ndarray]:
+        """Temperatures "" (frames, nv, nu) degC of pixels before a `body` (frames, v nodes, u nodes) degC with `nodes`
+        (m) along u and v, and `Seen.slopes`."""
+        got = self._through(LONG_WAVE.counts(body) - self.outside, nodes, kept, slopes)
+        S = self.outside + got.seen
+        mirrored = (1.0 - self.emissivity) * self.mirrored
+        told = (self.emissivity * S + mirrored - (1.0 - self.given) * self.told) / self.given
+        out = {"": LONG_WAVE.temperature(told)}
+        if slopes:
+            steep = LONG_WAVE.slope(told) / self.given
+            out |= {name: steep * self.emissivity * change for name, change in self._moved(got).items()}
+            out["gain"] = steep * (S - self.mirrored)
+        return out
+
+    def _through(self, light, nodes, kept: Kept | None, slopes: bool) -> Light:
+        """What pixels get of the light of a body."""
+        if self.recording.view == "profile":
+            return straight(light, nodes, (self.axes[0], None), slopes)
+        if self.place.turn:
+            about = pivot(self.recording, self.length)
+            return turned(light, nodes, self.axes, self.place.turn, about, kept, slopes)
+        return straight(light, nodes, self.axes, slopes)
+
+    def _moved(self, got: Light) -> dict[str, np.ndarray]:
+        """What light changes as the image lies otherwise: scale and turn move every pixel along u and v.
+
+        A pixel blurs like a Gaussian of its variance: that is how much of what a larger image does a wider one would.
+        """
+        (u, v), about = self.axes, pivot(self.recording, self.length)
+        origin, grown = corner(self.recording, self.length), 1.0 + self.place.scale
+        blur = u.sigma**2 / (u.sigma**2 + u.pitch**2 / 12.0)
+        x, y = u.centres, 0.0 if self.recording.view == "profile" else v.centres[:, None]
+        larger = got.along_u * (x - origin) + got.along_v * y + got.larger
+        return {
+            "shift_u": got.along_u * u.pitch,
+            "shift_v": got.along_v * v.pitch,
+            "scale": larger / grown,
+            "turn": got.along_v * (x - about) - got.along_u * y,
+            "spread": got.larger * blur * self.own,
+        }
+
+
+def _axis(camera: Instrument, axis: int, shift, place: Place, length: float) -> Axis:
+    """Pixels along u (0) or v (1) with the camera's shift and the image's scale."""
+    recording, name = camera.recording, "uv"[axis]
+    pitch = recording.pitch[axis]
+    if not np.isfinite(pitch):
+        pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
+    centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
+    if place.scale:
+        about = 0.0 if axis else corner(recording, length)
+        centres, pitch = about + (centres - about) * (1.0 + place.scale), pitch * (1.0 + place.scale)
+    sigma = camera("blur", recording.psf_sigma_px or 0.0)
+    return Axis(centres, pitch, sigma * pitch)

@@ -1,0 +1,180 @@
+"""What pixels get of a body whose light is linear between nodes, and what that changes as they move or blur more."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+REACH = 7.0  # widths of the optics beyond the edge of a pixel that it sees
+SURE = 8.5  # widths beyond which the normal distribution function is 0 or 1 in double precision
+ROWS = 24  # nodes across a turned body, at least: the turned lines between them are straight
+
+Array = np.ndarray
+NOTHING = np.empty(0)
+Kept = dict[bytes, Any]  # matrices that several images of one recording share, and what they are made from
+
+
+class Axis(NamedTuple):
+    """Pixels along an axis: `centres` (n,), `pitch` and width `sigma` of a Gaussian point spread, all m."""
+
+    centres: Array
+    pitch: float
+    sigma: float
+
+
+class Light(NamedTuple):
+    """What pixels get (frames, nv, nu) and, where slopes are asked for, what that changes per metre that all of them
+    lie further along u and v, and per share by which pixels and point spread are larger; else nothing."""
+
+    seen: Array
+    along_u: Array = NOTHING
+    along_v: Array = NOTHING
+    larger: Array = NOTHING
+
+
+@njit(cache=True)
+def _hats(x, pitch: float, sigma: float, step, out):
+    """`hats` one by one: as arrays they would pass through memory twenty times."""
+    slopes = out.shape[0] > 1
+    half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    once, twice, last, before = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            for side in range(2):
+                at = x[i, k] + (0.5 - side) * pitch
+                if abs(at) >= SURE * sigma:
+                    half[side] = 1.0 if at > 0.0 else 0.0
+                    density[side] = 0.0
+                else:
+                    half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
+                    density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+                integral[side] = at * half[side] + sigma * density[side]
+                ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
+            once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
+            once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, and by the size
+            once[2] = 0.5 * (half[0] + half[1]) - once[0] + sigma * (density[0] - density[1]) / pitch
+            twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + sigma * sigma * once[1]
+            for d in range(3 if slopes else 1):
+                if k > 0:
+                    apart = step[i, k - 1]
+                    later = (before[d] - twice[d] - apart * once[d]) / apart
+                    out[d, i, k - 1] += last[d] - once[d] - later
+                    out[d, i, k] = later
+                last[d], before[d] = once[d], twice[d]
+
+
+def hats(x: Array, pitch: float, sigma: float, step: Array, slopes: bool = False) -> Array:
+    """Weights (1, n, nodes) of a field that is linear between nodes and zero outside, seen by pixels `x` (n, nodes) m
+    beyond each node, `step` (nodes - 1,) or (n, nodes - 1) m apart; a box of `pitch` convolved with a Gaussian.
+
+    With `slopes` (3, n, nodes): the weights, what they change per metre of x, and per share that both are larger.
+    """
+    out = np.zeros((3 if slopes else 1, *x.shape))
+    apart = np.broadcast_to(step, (len(x), x.shape[1] - 1)).astype(float)
+    _hats(np.ascontiguousarray(x, float), float(pitch), float(sigma), apart, out)
+    return out
+
+
+def weights(axis: Axis, nodes: Array, slopes: bool = False) -> Array:
+    """`hats` (1 or 3, pixels, nodes) of pixels along an axis; exact integrals."""
+    return hats(axis.centres[:, None] - np.asarray(nodes)[None], axis.pitch, axis.sigma, np.diff(nodes), slopes)
+
+
+def straight(values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis | None], slopes: bool = False) -> Light:
+    """What pixels see of `values` (frames, v nodes, u nodes) in an image whose axes are those of the body.
+
+    Without an axis along v all that it has is one line.
+    """
+    (along, up), (u, v) = nodes, axes
+    x = weights(u, along, slopes)
+    z = np.eye(len(x), 1)[:, None] if v is None else weights(v, up, slopes)
+    frames, high, _ = values.shape  # two large products: many small ones would wake threads for each
+    lines = (values.reshape(frames * high, -1) @ x.reshape(-1, len(along)).T).reshape(frames, high, len(x), -1)
+
+    def image(up: int, along: int) -> Array:
+        return np.swapaxes(np.tensordot(z[up], lines[:, :, along], (1, 1)), 0, 1)
+
+    if not slopes:
+        return Light(image(0, 0))
+    return Light(image(0, 0), image(0, 1), image(1, 0), image(2, 0) + image(0, 2))
+
+
+def turned(
+    values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis], turn: float, about: float,
+    kept: Kept | None = None, slopes: bool = False,
+) -> Light:  # fmt: skip
+    """What pixels see of `values` (frames, v nodes, u nodes) when the image is turned by `turn` (rad).
+
+    `axes` of the image, its scale applied already; `about` the u that does not move.  Two shears are the turn: first
+    every line of nodes is seen by the pixels that will need it, then every column of these.  `kept` holds matrices from
+    one image to the next.
+    """
+    (along, up), (u, v) = nodes, axes
+    if len(up) < ROWS:
+        finer = np.linspace(up[0], up[-1], ROWS)
+        share = np.stack([np.interp(finer, up, row) for row in np.eye(len(up))], axis=1)
+        values, up = np.einsum("kz,fzx->fkx", share, values), finer
+    cos, sin = np.cos(turn), np.sin(turn)
+    lines, columns = _shears(u, v, (along, up), turn, about, kept, slopes)
+    flat = np.ascontiguousarray(values.reshape(len(values), -1).T)
+
+    def image(seen: Array) -> Array:
+        return seen.T.reshape(len(values), len(v.centres), len(u.centres))
+
+    sheared = lines[0] @ flat
+    seen = image(columns[0] @ sheared)
+    variance = v.sigma**2 + v.pitch**2 / 12.0
+    skew = sin / cos * variance
+    if not slopes:
+        return Light(seen + skew * _skewed(seen, u, v))
+    first, second = image(columns[0] @ (lines[1] @ flat)), image(columns[1] @ sheared)
+    larger = image(columns[2] @ sheared + columns[0] @ (lines[2] @ flat))
+    more = 2.0 * skew * _skewed(seen, u, v)
+    changes = (seen, first / cos + sin * second, cos * second, larger)
+    seen, along_u, along_v, larger = (c + skew * _skewed(c, u, v) for c in changes)
+    return Light(seen, along_u, along_v, larger + more)
+
+
+def _skewed(image: Array, u: Axis, v: Axis) -> Array:
+    """What is lost because pixels look along sheared lines, per unit of shear and variance: d2T/du dv."""
+    if min(len(u.centres), len(v.centres)) < 2:
+        return np.zeros_like(image)
+    return np.gradient(np.gradient(image, u.centres, axis=2), v.centres, axis=1)
+
+
+def _shears(u: Axis, v: Axis, nodes: tuple[Array, Array], turn: float, about: float, kept: Kept | None, slopes: bool):
+    """Matrices of both shears, each with its slopes where they are asked for (they may be there where they are not)."""
+    along, up = nodes
+    first = about + (u.centres[None] - about) / np.cos(turn) - np.tan(turn) * up[:, None]  # (v nodes, nu)
+    second = v.centres[:, None] * np.cos(turn) + (u.centres[None] - about) * np.sin(turn)  # (nv, nu)
+    key = b"".join(np.asarray(a, float).tobytes() for a in (first, second, along, up, [*u[1:], *v[1:]]))
+    made = None if kept is None else kept.get(key)
+    if made is None or (slopes and len(made[0]) == 1):
+        n, wide = len(along), len(u.centres)
+        lines = _sparse(first, along, u, np.arange(len(up)).repeat(wide) * n, 1, len(up) * n, slopes)
+        columns = _sparse(second, up, v, np.tile(np.arange(wide), len(second)), wide, len(up) * wide, slopes)
+        made = lines, columns
+        if kept is not None:
+            kept[key] = made
+    return made
+
+
+def _sparse(at: Array, nodes: Array, axis: Axis, begin: Array, stride: int, size: int, slopes: bool) -> list[Any]:
+    """Matrices (pixels, size) of pixels `at` (a, b) m over nodes: node k of a pixel is number `begin` + `stride` k."""
+    from scipy.sparse import csr_array
+
+    reach = 0.5 * axis.pitch + REACH * axis.sigma
+    flat = at.ravel()
+    first = np.clip(np.searchsorted(nodes, flat - reach) - 1, 0, len(nodes) - 2)
+    last = np.clip(np.searchsorted(nodes, flat + reach) + 1, 2, len(nodes))
+    width = int(np.max(last - first))
+    first = np.minimum(first, len(nodes) - width)
+    which = first[:, None] + np.arange(width)
+    near = nodes[which]
+    made = hats(flat[:, None] - near, axis.pitch, axis.sigma, np.diff(near, axis=1), slopes)
+    column = (begin[:, None] + stride * which).astype(np.int32).ravel()
+    start = (np.arange(len(flat) + 1) * width).astype(np.int32)
+    return [csr_array((w.ravel(), column, start), shape=(len(flat), size)) for w in made]

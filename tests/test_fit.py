@@ -14,6 +14,7 @@ from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
@@ -211,12 +212,18 @@ def test_the_evidence_of_borrowed_traces_is_held_against_nothing_else(resistive,
 
 
 @pytest.mark.parametrize(
-    ("rounds", "ln_evidence", "far"), [(1, -1e6, False), (2, -141.0, True), (2, -139.0, False), (3, -91.0, True)]
-)
-def test_what_goes_no_further(rounds, ln_evidence, far):
-    """40 behind what the best has after two rounds, or behind what it promises after three."""
-    best = SimpleNamespace(history=(1.0, 1.0, 1.0), fit=SimpleNamespace(ln_evidence=-50.0, promise=50.0))
-    other = SimpleNamespace(history=(1.0,) * rounds, fit=SimpleNamespace(ln_evidence=ln_evidence, promise=1e3))
+    ("rounds", "lost", "ln_evidence", "far"),
+    [
+        (1, 0, -1e6, False), (2, 0, -141.0, True), (2, 0, -139.0, False), (3, 0, -91.0, True),
+        (1, 1, -1e6, False), (1, 2, -141.0, True), (1, 2, -139.0, False),
+    ],
+)  # fmt: skip
+def test_what_goes_no_further(rounds, lost, ln_evidence, far):
+    """40 behind what the best has after two rounds, or behind what it promises after three; a second step that loses
+    from the first point, too, is a second round."""
+    best = SimpleNamespace(history=(1.0, 1.0, 1.0), tried=3, fit=SimpleNamespace(ln_evidence=-50.0, promise=50.0))
+    fit = SimpleNamespace(ln_evidence=ln_evidence, promise=1e3)
+    other = SimpleNamespace(history=(1.0,) * rounds, tried=rounds + lost, fit=fit)
     assert _far(other, [best, other], 40.0) is far
 
 
@@ -251,6 +258,19 @@ def test_a_gross_misfit_is_compared_before_its_best_point_is_near(two, share, pr
     assert not fit.near
     assert not fit.converged
     assert not replace(fit, solution=replace(solution, chi2=1.0 * solution.count)).usable
+
+
+def test_what_one_recording_alone_leaves_over_may_be_gross(two):
+    """Half as much again in one trace, which among all data is lost; `excess` is what residuals say."""
+    least = min(two.base.blocks, key=lambda b: b.count)
+    assert not two.base.hopeless
+    larger = {b.label: b.r + (30.0**0.5 * (2.0 / b.count) ** 0.25 if b is least else 0.0) for b in two.base.blocks}
+    fit = replace(two.base, system=two.base.system.shown(larger))
+    for b in fit.blocks:
+        left = np.mean(residual(b, fit.solution) ** 2)
+        assert fit.excess[b.label] == pytest.approx((left - 1.0) * np.sqrt(0.5 * b.count), abs=1e-6 * b.count)
+    assert fit.hopeless
+    assert fit.misfit == pytest.approx(fit.excess[least.label] * np.sqrt(0.5 * least.count))
 
 
 def test_a_full_fit_begins_where_runs_leave_least_and_ends_at_the_truth(peaked):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
-from flashtemp.discovery.fit import MISFIT, Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
 from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
@@ -53,26 +53,9 @@ def pulls(fit: Fit) -> dict[ParameterId, float]:
     return out
 
 
-def excess(fit: Fit) -> dict[str, float]:
-    """chi2 per datum of every recording and trace, less one, in standard errors of noise alone."""
-    out = {}
-    for block in fit.blocks:
-        left = residual(block, fit.solution)
-        out[block.label] = float((np.mean(left**2) - 1.0) * np.sqrt(block.count / 2.0))
-    return out
-
-
-def misfit(fit: Fit) -> float:
-    """ln evidence that a gross misfit costs, of all data or of a recording or a load cell's trace alone; 0 where none
-    is gross."""
-    apart = excess(fit)
-    each = (apart[b.label] * np.sqrt(0.5 * b.count) for b in fit.blocks if apart[b.label] > MISFIT)
-    return float(max(fit.misfit, *each, 0.0))
-
-
 def beyond_doubt(fit: Fit) -> bool:
     """Whether a gross misfit stays one whatever the steps that a model did not come to would still gain."""
-    return fit.promise < SPARE * misfit(fit)
+    return fit.promise < SPARE * fit.misfit
 
 
 def structure(fit: Fit, seed: int, stage: str) -> list[Test]:

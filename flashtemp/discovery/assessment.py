@@ -324,5 +324,5 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),
         "calibrated parameters (standard deviations)": (theta, adequacy.PULL),
         "camera and friction scatter (standard deviations)": (camera, 2.0 * adequacy.PULL),
-        "noise left over (standard errors of chi2)": (max(adequacy.excess(fit).values(), default=0.0), EXCESS),
+        "noise left over (standard errors of chi2)": (max(fit.excess.values(), default=0.0), EXCESS),
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flashtemp.discovery.fit import ENOUGH, KNOWN, Fit, Reached
+from flashtemp.discovery.fit import ENOUGH, KNOWN, LITTLE, Fit, Reached
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Solution, System
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
@@ -26,7 +26,7 @@ FLAT = 30.0  # ln evidence that it may promise: of more, the little that traces 
 SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point after a loss, and after a gain
 VAIN = 0.25  # ln evidence: what gains less was in vain, where it promised little or where a longer step lost
 FEW = 6  # tries that are enough where a model misfits grossly
-HELPS = 8.0  # ln evidence gained by the last of them: then twice as many
+HELPS = 8.0  # ln evidence gained by the last of them, more than LITTLE of a gross misfit: then twice as many
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
@@ -104,7 +104,8 @@ class Descent:
         rough = self.rough and self.fit.hopeless
         if (self.fit.converged and short and exact) or self.back > (ONCE if rough else BACK):
             return True
-        most = (FEW if rough else TRIES) * (2 if self.gained > HELPS else 1)
+        helps = max(HELPS, LITTLE * self.fit.misfit if rough else 0.0)
+        most = (FEW if rough else TRIES) * (2 if self.gained > helps else 1)
         return (rough and self.fit.usable) or len(self.history) >= most or self.tried >= most + BACK
 
     def take(self, predictions: Sequence[Prediction]) -> Descent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,8 @@ ENOUGH = 0.01  # largest last step over its prior standard deviation
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
 EVEN = 0.05  # ln evidence that a last step still promises, below which it is not worth taking
 NOISE = 4.0  # the same where numerics leave evidence uncertain by as much
-MISFIT, LOOSE = 20.0, 0.2  # standard errors of chi2 of a gross misfit, and the step that is enough to compare
+MISFIT = 20.0  # standard errors of chi2 of a gross misfit, of all data or of a recording or a load cell's trace alone
+LOOSE = 0.2  # step that is enough to compare
 LITTLE = 0.01  # of a gross misfit: what steps may still gain of a fit that is compared with others
 
 
@@ -68,16 +70,24 @@ class Fit:
     def _noise(self) -> bool:
         return self.noisy and self.promise < NOISE
 
+    @cached_property
+    def excess(self) -> dict[str, float]:
+        """chi2 per datum of every recording and trace, less one, in standard errors of noise alone."""
+        left = zip(self.blocks, self.system.left(self.solution), strict=True)
+        return {b.label: (chi2 / b.count - 1.0) * np.sqrt(0.5 * b.count) for b, chi2 in left}
+
     @property
     def hopeless(self) -> bool:
         """Whether the model misfits so grossly that its best point says little."""
-        excess = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(self.solution.count / 2.0)
-        return bool(excess > MISFIT)
+        return self.misfit > 0.0
 
     @property
     def misfit(self) -> float:
-        """ln evidence that a gross misfit of all data costs; 0 where it is none."""
-        return 0.5 * (self.solution.chi2 - self.solution.count) if self.hopeless else 0.0
+        """ln evidence that a gross misfit costs, of all data or of a recording or a trace alone; 0 where none is."""
+        all_of_it = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(0.5 * self.solution.count)
+        each = ((self.excess[b.label], b.count) for b in self.blocks)
+        gross = (e * np.sqrt(0.5 * n) for e, n in ((all_of_it, self.solution.count), *each) if e > MISFIT)
+        return float(max(gross, default=0.0))
 
     @property
     def ln_evidence(self) -> float:

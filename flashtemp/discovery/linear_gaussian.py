@@ -168,6 +168,15 @@ class System:
                 rr, count = rr + own.square, count + own.count
         return NormalEquations(N, b, rr, count)
 
+    def left(self, solution: Solution) -> list[float]:
+        """Sum of squares of what a solution leaves of every block's data."""
+        found, out = solution.as_dict(), []
+        d = np.array([found.get(n, 0.0) for n in self.names])
+        for part in self.parts:
+            own, equations = d[part.at], part.equations
+            out.append(equations.square + float(own @ (equations.matrix @ own - 2.0 * equations.right)))
+        return out
+
     def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
         """Estimate the columns named in `priors`; those that no block knows are left out."""
         total = equations or self.total()

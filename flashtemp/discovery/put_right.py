@@ -26,7 +26,7 @@ def put_right(search: Search, watch: Watch) -> Search:
         found = errors(search.problem, search.best)
         ranked = scores(search.problem, search.best, search.problem.tried)
         rival = max((s.ln_bayes for s in ranked[:1]), default=0.0)
-        least = max(NAMED, rival, adequacy.WORTH * adequacy.misfit(search.best))
+        least = max(NAMED, rival, adequacy.WORTH * search.best.misfit)
         if not found or found[0].ln_bayes <= least:
             break
         search = _loosened(search, found[0], watch)

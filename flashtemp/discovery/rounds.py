@@ -55,7 +55,8 @@ def descend(
 
 def _far(descent: Descent, others: Sequence[Descent], hopeless: float) -> bool:
     """Whether a model lies far behind the best of others, and will."""
-    fits, rounds = [d.fit for d in others if d.fit is not None], len(descent.history)
+    fits = [d.fit for d in others if d.fit is not None]
+    rounds = max(len(descent.history), descent.tried - 1)  # steps that lose tell as much, but for the first
     if descent.fit is None or rounds < 2:
         return False
     most = max(f.ln_evidence - (f.promise if rounds < 3 else 0.0) for f in fits)

@@ -89,7 +89,7 @@ def settled(search: Search, watch: Watch) -> Search:
 
 def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
     """Full fits of the shortlist from the present best, and of pairs where no effect alone will do."""
-    least = max(WEAK, adequacy.WORTH * adequacy.misfit(search.best)) if depth else WEAK - 2.0
+    least = max(WEAK, adequacy.WORTH * search.best.misfit) if depth else WEAK - 2.0
     good = [s for s in ranked if s.ln_bayes > least][:SHORT]
     good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - 10.0]
     search = _fit(search, [(s,) for s in good], watch)
@@ -109,7 +109,7 @@ def _together(search: Search, ranked: Ranking) -> list[tuple[Score, ...]]:
     alone = [f for names, f in search.fits.items() if len(names) == 1]
     best = max(alone, key=lambda f: f.ln_evidence, default=search.best)
     least = max(best.ln_evidence - search.best.ln_evidence, NAMED) + NAMED
-    worth = adequacy.WORTH * adequacy.misfit(best)
+    worth = adequacy.WORTH * best.misfit
     both = pairs(search.problem, search.best, ranked)[:2]
     return [p.scores for p in both if p.ln_bayes > least and p.more > worth]
 

@@ -326,14 +326,12 @@ def test_nothing_is_named_beside_a_fit_that_explains_more_and_did_not_end(monkey
         (50.0, 170.0, 22.0, "unexplained"), (50.0, 170.0, 200.0, "no_verdict"), (50.0, 15.0, 1.0, "no_verdict"),
     ],
 )  # fmt: skip
-def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(monkeypatch, excess, cell, promise, kind):
+def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(excess, cell, promise, kind):
     """Whatever the steps that were not taken would gain, most of the misfit would stay: of all data, or of a load cell's
     200 readings, `cell` standard errors off, beside which images are many."""
     solution = SimpleNamespace(chi2=1e5 + excess, count=100_000)
-    system = SimpleNamespace(
-        blocks=[SimpleNamespace(label="wake", count=99_800), SimpleNamespace(label="mu", count=200)]
-    )
-    monkeypatch.setattr(discover.adequacy, "excess", lambda fit: {"wake": 0.0, "mu": cell})
+    blocks = [SimpleNamespace(label="wake", count=99_800), SimpleNamespace(label="mu", count=200)]
+    system = SimpleNamespace(blocks=blocks, left=lambda solution: [99_800.0, 200.0 * (1.0 + 0.1 * cell)])
     base = Fit(Model(), (), system, solution, {}, 1.0, (0.5,), promise=promise)
     assert discover._honest("unexplained", Search(None, None, {}, base, base, {}), False) == kind
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 
 ZERO = 273.15
 FINE, POINTS = 6, 4  # fine places per pixel, and points per pixel and direction at which it is summed
@@ -61,16 +61,15 @@ def look(field, box, air, u, v, optics, geometry):
             for a, own, (lo, hi) in zip((x, z), (i, j), box, strict=True)]  # fmt: skip
     share = np.outer(part[1], part[0]) / step**2  # a fine place on the edge is block in part
     scene[np.ix_(j, i)] += share * (light(field(*inside)) - light(air))
-    scene = gaussian_filter(scene, optics.psf * FINE, truncate=6.0)
+    scene = spline_filter(gaussian_filter(scene, optics.psf * FINE, truncate=6.0), mode="mirror")
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     total = np.zeros((len(v), len(u)))
     for du, wu in zip(nodes, weights, strict=True):
         for dv, wv in zip(nodes, weights, strict=True):
             U, V = np.meshgrid(u + 0.5 * du * pitch, v + 0.5 * dv * pitch)
             X, Z = geometry.seen(U, V, pitch)
-            total += (
-                0.25 * wu * wv * map_coordinates(scene, [(Z - z[0]) / step, (X - x[0]) / step], order=3, mode="nearest")
-            )
+            at = [(Z - z[0]) / step, (X - x[0]) / step]
+            total += 0.25 * wu * wv * map_coordinates(scene, at, order=3, mode="mirror", prefilter=False)
     emissivity = optics.emissivity * optics.gain
     seen = emissivity * total + (1.0 - emissivity) * light(optics.reflected)
     return degC((seen - (1.0 - optics.told) * light(optics.reflected)) / optics.told)

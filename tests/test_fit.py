@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -215,15 +216,15 @@ def test_the_evidence_of_borrowed_traces_is_held_against_nothing_else(resistive,
     ("rounds", "lost", "ln_evidence", "far"),
     [
         (1, 0, -1e6, False), (2, 0, -141.0, True), (2, 0, -139.0, False), (3, 0, -91.0, True),
-        (1, 1, -1e6, False), (1, 2, -141.0, True), (1, 2, -139.0, False),
+        (1, 1, -1e6, False), (1, 2, -141.0, True), (1, 2, -139.0, False), (1, 3, -139.0, False),
     ],
 )  # fmt: skip
 def test_what_goes_no_further(rounds, lost, ln_evidence, far):
-    """40 behind what the best has after two rounds, or behind what it promises after three; a second step that loses
-    from the first point, too, is a second round."""
-    best = SimpleNamespace(history=(1.0, 1.0, 1.0), tried=3, fit=SimpleNamespace(ln_evidence=-50.0, promise=50.0))
+    """40 behind what the best has after two rounds, or behind what it promises after three; two steps that lose in a row
+    are two rounds, more of them no third."""
+    best = SimpleNamespace(history=(1.0, 1.0, 1.0), back=0, fit=SimpleNamespace(ln_evidence=-50.0, promise=50.0))
     fit = SimpleNamespace(ln_evidence=ln_evidence, promise=1e3)
-    other = SimpleNamespace(history=(1.0,) * rounds, tried=rounds + lost, fit=fit)
+    other = SimpleNamespace(history=(1.0,) * rounds, back=lost, fit=fit)
     assert _far(other, [best, other], 40.0) is far
 
 
@@ -271,6 +272,9 @@ def test_what_one_recording_alone_leaves_over_may_be_gross(two):
         assert fit.excess[b.label] == pytest.approx((left - 1.0) * np.sqrt(0.5 * b.count), abs=1e-6 * b.count)
     assert fit.hopeless
     assert fit.misfit == pytest.approx(fit.excess[least.label] * np.sqrt(0.5 * least.count))
+    unseen = copy(fit.system)
+    unseen.blocks = [replace(b, held_out=b.label == least.label) for b in fit.blocks]
+    assert not replace(fit, system=unseen).hopeless  # no fit may see what is held out
 
 
 def test_a_full_fit_begins_where_runs_leave_least_and_ends_at_the_truth(peaked):

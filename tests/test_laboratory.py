@@ -330,7 +330,7 @@ def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(excess, cell,
     """Whatever the steps that were not taken would gain, most of the misfit would stay: of all data, or of a load cell's
     200 readings, `cell` standard errors off, beside which images are many."""
     solution = SimpleNamespace(chi2=1e5 + excess, count=100_000)
-    blocks = [SimpleNamespace(label="wake", count=99_800), SimpleNamespace(label="mu", count=200)]
+    blocks = [SimpleNamespace(label=k, count=n, held_out=False) for k, n in (("wake", 99_800), ("mu", 200))]
     system = SimpleNamespace(blocks=blocks, left=lambda solution: [99_800.0, 200.0 * (1.0 + 0.1 * cell)])
     base = Fit(Model(), (), system, solution, {}, 1.0, (0.5,), promise=promise)
     assert discover._honest("unexplained", Search(None, None, {}, base, base, {}), False) == kind

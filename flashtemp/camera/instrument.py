@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 
-from flashtemp.camera.pixels import Axis, Kept, Light, straight, turned
+from flashtemp.camera.pixels import Axis, Kept, Light, mixed, straight, turned
 from flashtemp.camera.placement import Place, corner, pivot
 from flashtemp.camera.point_observation import asked
 from flashtemp.camera.radiometry import LONG_WAVE
@@ -15,6 +16,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.quantities import KELVIN
 
+WIDER = 0.01  # share of a point spread: step of what follows from it
 TYPICAL = 0.95  # emissivity where a recording does not say
 
 
@@ -30,6 +32,12 @@ class Instrument:
         """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
         now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
         return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
+
+    def of(self, recording: Recording) -> Instrument:
+        """The same camera with another recording."""
+        other = copy(self)
+        other.recording = recording
+        return other
 
     def times(self) -> np.ndarray:
         """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
@@ -49,7 +57,7 @@ class Sight:
     axes: tuple[Axis, Axis]
     place: Place
     length: float
-    own: float  # share of the width of its point spread that the recording tells
+    own: float  # share by which the point spread is wider per share of what the recording tells
     emissivity: float
     given: float
     mirrored: float
@@ -62,9 +70,11 @@ class Sight:
         given = recording.emissivity or (1.0 if recording.view == "profile" else TYPICAL)
         reflected = background if recording.reflected_degC is None else recording.reflected_degC
         u, v = (_axis(camera, a, shift, place, scene.length) for a in (0, 1))
-        blur = camera("blur", recording.psf_sigma_px or 0.0)
+        psf = recording.psf_sigma_px or 0.0
+        wide = replace(recording, psf_sigma_px=(1.0 + WIDER) * psf)
+        blur, more = (c("blur", c.recording.psf_sigma_px or 0.0) for c in (camera, camera.of(wide)))
         return cls(
-            recording, (u, v), place, scene.length, (recording.psf_sigma_px or 0.0) / (blur or 1.0),
+            recording, (u, v), place, scene.length, (more - blur) / (WIDER * (blur or 1.0)),
             camera("emissivity", given + change), given, LONG_WAVE.counts(camera("reflected", reflected)),
             LONG_WAVE.counts(reflected), LONG_WAVE.counts(background),
         )  # fmt: skip
@@ -93,21 +103,19 @@ class Sight:
         return straight(light, nodes, self.axes, slopes)
 
     def _moved(self, got: Light) -> dict[str, np.ndarray]:
-        """What light changes as the image lies otherwise: scale and turn move every pixel along u and v.
-
-        A pixel blurs like a Gaussian of its variance: that is how much of what a larger image does a wider one would.
-        """
+        """What light changes as the image lies otherwise: scale and turn move pixels along u and v, and turn them."""
         (u, v), about = self.axes, pivot(self.recording, self.length)
         origin, grown = corner(self.recording, self.length), 1.0 + self.place.scale
-        blur = u.sigma**2 / (u.sigma**2 + u.pitch**2 / 12.0)
+        square = self.recording.view == "profile" or u.variance == v.variance
+        oblong = 0.0 if square else (u.variance - v.variance) * mixed(got.seen, u, v)
         x, y = u.centres, 0.0 if self.recording.view == "profile" else v.centres[:, None]
         larger = got.along_u * (x - origin) + got.along_v * y + got.larger
         return {
             "shift_u": got.along_u * u.pitch,
             "shift_v": got.along_v * v.pitch,
             "scale": larger / grown,
-            "turn": got.along_v * (x - about) - got.along_u * y,
-            "spread": got.larger * blur * self.own,
+            "turn": got.along_v * (x - about) - got.along_u * y + oblong,
+            "spread": got.wider * self.own,
         }
 
 

@@ -24,15 +24,22 @@ class Axis(NamedTuple):
     pitch: float
     sigma: float
 
+    @property
+    def variance(self) -> float:
+        """Of where light comes from that a pixel gets, m2."""
+        return self.sigma**2 + self.pitch**2 / 12.0
+
 
 class Light(NamedTuple):
     """What pixels get (frames, nv, nu) and, where slopes are asked for, what that changes per metre that all of them
-    lie further along u and v, and per share by which pixels and point spread are larger; else nothing."""
+    lie further along u and v, per share by which pixels and point spread are larger, and by which it alone is wider;
+    else nothing."""
 
     seen: Array
     along_u: Array = NOTHING
     along_v: Array = NOTHING
     larger: Array = NOTHING
+    wider: Array = NOTHING
 
 
 @njit(cache=True)
@@ -40,7 +47,7 @@ def _hats(x, pitch: float, sigma: float, step, out):
     """`hats` one by one: as arrays they would pass through memory twenty times."""
     slopes = out.shape[0] > 1
     half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
-    once, twice, last, before = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    once, twice, last, before = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
             for side in range(2):
@@ -54,10 +61,11 @@ def _hats(x, pitch: float, sigma: float, step, out):
                 integral[side] = at * half[side] + sigma * density[side]
                 ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
             once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
-            once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, and by the size
-            once[2] = 0.5 * (half[0] + half[1]) - once[0] + sigma * (density[0] - density[1]) / pitch
-            twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + sigma * sigma * once[1]
-            for d in range(3 if slopes else 1):
+            once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, the width, the size
+            once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
+            once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
+            twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
+            for d in range(4 if slopes else 1):
                 if k > 0:
                     apart = step[i, k - 1]
                     later = (before[d] - twice[d] - apart * once[d]) / apart
@@ -70,16 +78,17 @@ def hats(x: Array, pitch: float, sigma: float, step: Array, slopes: bool = False
     """Weights (1, n, nodes) of a field that is linear between nodes and zero outside, seen by pixels `x` (n, nodes) m
     beyond each node, `step` (nodes - 1,) or (n, nodes - 1) m apart; a box of `pitch` convolved with a Gaussian.
 
-    With `slopes` (3, n, nodes): the weights, what they change per metre of x, and per share that both are larger.
+    With `slopes` (4, n, nodes): the weights, and what they change per metre of x, per share that pitch and sigma are
+    larger, and per share that sigma alone is.
     """
-    out = np.zeros((3 if slopes else 1, *x.shape))
+    out = np.zeros((4 if slopes else 1, *x.shape))
     apart = np.broadcast_to(step, (len(x), x.shape[1] - 1)).astype(float)
     _hats(np.ascontiguousarray(x, float), float(pitch), float(sigma), apart, out)
     return out
 
 
 def weights(axis: Axis, nodes: Array, slopes: bool = False) -> Array:
-    """`hats` (1 or 3, pixels, nodes) of pixels along an axis; exact integrals."""
+    """`hats` (1 or 4, pixels, nodes) of pixels along an axis; exact integrals."""
     return hats(axis.centres[:, None] - np.asarray(nodes)[None], axis.pitch, axis.sigma, np.diff(nodes), slopes)
 
 
@@ -99,7 +108,7 @@ def straight(values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis |
 
     if not slopes:
         return Light(image(0, 0))
-    return Light(image(0, 0), image(0, 1), image(1, 0), image(2, 0) + image(0, 2))
+    return Light(image(0, 0), image(0, 1), image(1, 0), image(2, 0) + image(0, 2), image(3, 0) + image(0, 3))
 
 
 def turned(
@@ -126,20 +135,19 @@ def turned(
 
     sheared = lines[0] @ flat
     seen = image(columns[0] @ sheared)
-    variance = v.sigma**2 + v.pitch**2 / 12.0
-    skew = sin / cos * variance
+    skew = sin / cos * u.variance
     if not slopes:
-        return Light(seen + skew * _skewed(seen, u, v))
+        return Light(seen + skew * mixed(seen, u, v))
     first, second = image(columns[0] @ (lines[1] @ flat)), image(columns[1] @ sheared)
-    larger = image(columns[2] @ sheared + columns[0] @ (lines[2] @ flat))
-    more = 2.0 * skew * _skewed(seen, u, v)
-    changes = (seen, first / cos + sin * second, cos * second, larger)
-    seen, along_u, along_v, larger = (c + skew * _skewed(c, u, v) for c in changes)
-    return Light(seen, along_u, along_v, larger + more)
+    larger, wider = (image(columns[d] @ sheared + columns[0] @ (lines[d] @ flat)) for d in (2, 3))
+    bent = 2.0 * sin / cos * mixed(seen, u, v)
+    changes = (seen, first / cos + sin * second, cos * second, larger, wider)
+    seen, along_u, along_v, larger, wider = (c + skew * mixed(c, u, v) for c in changes)
+    return Light(seen, along_u, along_v, larger + bent * u.variance, wider + bent * u.sigma**2)
 
 
-def _skewed(image: Array, u: Axis, v: Axis) -> Array:
-    """What is lost because pixels look along sheared lines, per unit of shear and variance: d2T/du dv."""
+def mixed(image: Array, u: Axis, v: Axis) -> Array:
+    """d2/du dv of an image (per m2): what pixels see less as they look along sheared lines, per shear and variance."""
     if min(len(u.centres), len(v.centres)) < 2:
         return np.zeros_like(image)
     return np.gradient(np.gradient(image, u.centres, axis=2), v.centres, axis=1)

@@ -33,7 +33,7 @@ def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) ->
     `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A single row of pixels cannot be shifted
     across, nor can the wake across y: only its rims would tell, and they are left out.
     """
-    axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1]
+    axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1 and recording.places is None]
     if recording.view == "wake":
         axes = [a for a in axes if a == 0]
     shift = np.zeros(2)

@@ -83,9 +83,10 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """ln evidence that a gross misfit costs, of all data or of a recording or a trace alone; 0 where none is."""
+        """ln evidence that a gross misfit costs, of all that is fitted or of a recording or a trace alone; 0 where none
+        is."""
         all_of_it = (self.solution.chi2 / self.solution.count - 1.0) * np.sqrt(0.5 * self.solution.count)
-        each = ((self.excess[b.label], b.count) for b in self.blocks)
+        each = ((self.excess[b.label], b.count) for b in self.blocks if not b.held_out)
         gross = (e * np.sqrt(0.5 * n) for e, n in ((all_of_it, self.solution.count), *each) if e > MISFIT)
         return float(max(gross, default=0.0))
 

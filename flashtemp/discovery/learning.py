@@ -291,7 +291,7 @@ def _begun(search: Search, tried: Tried) -> Descent:
     c = made[NAME]
     start = {k: _inside(c.params[k], v) for k, v in zip(c.strengths, tried.values, strict=True)}
     model = search.base.model.with_effect(NAME, c.off() | start)
-    return Descent(problem, data, model, (c,), parent=search.base)
+    return Descent(problem, data, model, (c,), rough=False, parent=search.base)
 
 
 def _ended(search: Search, problem: Problem, fit: Fit, watch: Watch) -> Search:

@@ -39,8 +39,8 @@ def descend(
 ) -> list[Descent]:
     """Bring several models to their best points; all predictions of a round are shared among the workers.
 
-    A model that after two rounds promises `hopeless` less than another one has, or after three less than another one
-    promises, goes no further.
+    A model that after two rounds, or two steps that lost, promises `hopeless` less than another one has, or after three
+    rounds less than another one promises, goes no further.
     """
     now = list(descents)
     while live := [k for k, d in enumerate(now) if not d.done]:
@@ -56,7 +56,7 @@ def descend(
 def _far(descent: Descent, others: Sequence[Descent], hopeless: float) -> bool:
     """Whether a model lies far behind the best of others, and will."""
     fits = [d.fit for d in others if d.fit is not None]
-    rounds = max(len(descent.history), descent.tried - 1)  # steps that lose tell as much, but for the first
+    rounds = max(len(descent.history), min(descent.back, 2))  # two steps that lose in a row tell as much
     if descent.fit is None or rounds < 2:
         return False
     most = max(f.ln_evidence - (f.promise if rounds < 3 else 0.0) for f in fits)

@@ -46,7 +46,7 @@ def seen_turned(degrees, kept=None, step=0.0, slopes=False):
     along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
     field = bump(along[None], up[:, None])[None]
     axes = Axis(U, PITCH, WIDTH), Axis(V, PITCH, WIDTH)
-    return turned(field, (along, up), axes, np.radians(degrees) + step, MIDDLE, kept, slopes)
+    return turned(field, (along, up), axes, np.radians(degrees) + step, (MIDDLE, 0.0), kept, slopes)
 
 
 @pytest.mark.parametrize("degrees", [1e-9, 0.3, 1.0, -5.0])

@@ -236,7 +236,7 @@ def test_oblong_pixels_turn_with_their_image():
     nodes = np.linspace(0.0, 0.025, 801)
     hill = np.exp(-0.5 * ((nodes[None] - 0.0125) ** 2 + (nodes[:, None] - 0.0125) ** 2) / 8e-4**2)[None]
     for turn, rough in ((0.009, 3e-4), (0.09, 3e-3)):
-        seen = turned(hill, (nodes, nodes), (u, v), turn, 0.0125).seen[0]
+        seen = turned(hill, (nodes, nodes), (u, v), turn, (0.0125, 0.0)).seen[0]
         c, s, wide = np.cos(turn), np.sin(turn), 8e-4**2
         x, y = u.centres[None] - 0.0125, v.centres[:, None]  # turned about v = 0
         place = np.stack([c * x - s * y, s * x + c * y - 0.0125])

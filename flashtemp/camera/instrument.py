@@ -98,13 +98,12 @@ class Sight:
         if self.recording.view == "profile":
             return straight(light, nodes, (self.axes[0], None), slopes)
         if self.place.turn:
-            about = pivot(self.recording, self.length)
-            return turned(light, nodes, self.axes, self.place.turn, about, kept, slopes)
+            return turned(light, nodes, self.axes, self.place.turn, pivot(self.recording, self.length), kept, slopes)
         return straight(light, nodes, self.axes, slopes)
 
     def _moved(self, got: Light) -> dict[str, np.ndarray]:
         """What light changes as the image lies otherwise: scale and turn move pixels along u and v, and turn them."""
-        (u, v), about = self.axes, pivot(self.recording, self.length)
+        (u, v), (across, above) = self.axes, pivot(self.recording, self.length)
         origin, grown = corner(self.recording, self.length), 1.0 + self.place.scale
         square = self.recording.view == "profile" or u.variance == v.variance
         oblong = 0.0 if square else (u.variance - v.variance) * mixed(got.seen, u, v)
@@ -114,7 +113,7 @@ class Sight:
             "shift_u": got.along_u * u.pitch,
             "shift_v": got.along_v * v.pitch,
             "scale": larger / grown,
-            "turn": got.along_v * (x - about) - got.along_u * y + oblong,
+            "turn": got.along_v * (x - across) - got.along_u * (y - above) + oblong,
             "spread": got.wider * self.own,
         }
 

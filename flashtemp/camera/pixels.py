@@ -112,14 +112,14 @@ def straight(values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis |
 
 
 def turned(
-    values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis], turn: float, about: float,
+    values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis], turn: float, about: tuple[float, float],
     kept: Kept | None = None, slopes: bool = False,
 ) -> Light:  # fmt: skip
     """What pixels see of `values` (frames, v nodes, u nodes) when the image is turned by `turn` (rad).
 
-    `axes` of the image, its scale applied already; `about` the u that does not move.  Two shears are the turn: first
-    every line of nodes is seen by the pixels that will need it, then every column of these.  `kept` holds matrices from
-    one image to the next.
+    `axes` of the image, its scale applied already; `about` the u and v that do not move.  Two shears are the turn:
+    first every line of nodes is seen by the pixels that will need it, then every column of these.  `kept` holds
+    matrices from one image to the next.
     """
     (along, up), (u, v) = nodes, axes
     if len(up) < ROWS:
@@ -153,11 +153,11 @@ def mixed(image: Array, u: Axis, v: Axis) -> Array:
     return np.gradient(np.gradient(image, u.centres, axis=2), v.centres, axis=1)
 
 
-def _shears(u: Axis, v: Axis, nodes: tuple[Array, Array], turn: float, about: float, kept: Kept | None, slopes: bool):
+def _shears(u: Axis, v: Axis, nodes: tuple[Array, Array], turn: float, about, kept: Kept | None, slopes: bool):
     """Matrices of both shears, each with its slopes where they are asked for (they may be there where they are not)."""
-    along, up = nodes
-    first = about + (u.centres[None] - about) / np.cos(turn) - np.tan(turn) * up[:, None]  # (v nodes, nu)
-    second = v.centres[:, None] * np.cos(turn) + (u.centres[None] - about) * np.sin(turn)  # (nv, nu)
+    (along, up), (x, y) = nodes, about
+    first = x + (u.centres[None] - x) / np.cos(turn) - np.tan(turn) * (up[:, None] - y)  # (v nodes, nu)
+    second = y + (v.centres[:, None] - y) * np.cos(turn) + (u.centres[None] - x) * np.sin(turn)  # (nv, nu)
     key = b"".join(np.asarray(a, float).tobytes() for a in (first, second, along, up, [*u[1:], *v[1:]]))
     made = None if kept is None else kept.get(key)
     if made is None or (slopes and len(made[0]) == 1):

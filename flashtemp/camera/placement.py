@@ -1,7 +1,7 @@
 """An image whose scale or clock is off or that is turned: where its pixels lie.
 
 The scale is counted from the corner where the block's contact begins to be seen, and the image turns about the middle
-of what it shows of the contact.
+of what it shows of the wall.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Place:
     """How an image lies otherwise than told: pixels larger by a share `scale`, all of it turned by `turn` (rad); by
     `clock` (s) its frames are stamped late.
 
-    What is told at u = u0 + x, v = y lies at u0 + (1 + scale)(x cos turn - y sin turn), (1 + scale)(y cos + x sin).
+    Pixels grow from `corner`; what they show then x, y from `pivot` is x cos turn - y sin turn, y cos + x sin from it.
     """
 
     scale: float = 0.0
@@ -37,9 +37,13 @@ def corner(recording: Recording, length: float) -> float:
     return length if float(np.median(recording.u)) > 0.5 * length else 0.0
 
 
-def pivot(recording: Recording, length: float) -> float:
-    """u (m) about which an image is turned: the middle of the block, or the edge that a wake begins at."""
-    return 0.5 * length if recording.view != "wake" else corner(recording, length)
+def pivot(recording: Recording, length: float) -> tuple[float, float]:
+    """u and v (m) about which an image is turned: the middle of what it shows of the wall, since edges tell where an
+    image lies; of a wake the middle of the edge that it begins at."""
+    if recording.view == "wake":
+        return corner(recording, length), 0.0
+    high = recording.v[recording.v >= 0.0]
+    return 0.5 * length, 0.5 * float(high.max()) if recording.view == "sidewall" and len(high) else 0.0
 
 
 def check_seen(recording: Recording, block: tuple[float, float] | None) -> None:

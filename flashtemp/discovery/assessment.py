@@ -268,13 +268,14 @@ def group(search: Search) -> tuple[str, ...]:
 
 
 def laboratory_causes(search: Search, fit: Fit) -> tuple[Cause, ...]:
-    """Errors of the laboratory beyond what is usual, as causes."""
+    """Errors of the laboratory beyond what is usual, as causes; one that was freed and came to nothing is none."""
     out = [
         Cause("mirrored", t.words, (), 2.0 * t.ln_bayes, 0.0, 1.0, ln_bayes=t.ln_bayes, laboratory=True)
         for t in search.mirrored
     ]  # fmt: skip
     usual = [e for e in calibrated(search.problem, fit) if e.unusual]
-    for now, e in [*((found(search.problem, fit, e), e) for e in search.laboratory), *((e, e) for e in usual)]:
+    freed = [(found(search.problem, fit, e), e) for e in search.laboratory]
+    for now, e in [*((now, e) for now, e in freed if now.clear), *((e, e) for e in usual)]:
         sd = INFLATED * now.stderr
         ends = (now.value - 1.96 * sd, now.value + 1.96 * sd)
         where = e.parameter.file or e.parameter.name

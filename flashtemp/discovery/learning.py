@@ -23,7 +23,7 @@ from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.rounds import Watch, descend
 from flashtemp.discovery.scores import scores
-from flashtemp.discovery.searched import APART, HOPELESS, NAMED, Search, held, traced
+from flashtemp.discovery.searched import HOPELESS, MORE, NAMED, Search, held, traced
 from flashtemp.discovery.unknown_law import ARGUMENTS, NAME, UNKNOWNS, Argument, Law, Unknown, given, spread
 from flashtemp.discovery.verdict import LearnedLaw
 from flashtemp.discovery.whitening import Data
@@ -121,7 +121,7 @@ def _closer(search: Search, found: Fitted, tried: Tried, watch: Watch) -> Fitted
         values = tuple(law.weights(np.array(finer)) @ np.array(law.values))
         wider = replace(law, nodes=finer, values=values)
         again = _fitted(search, [replace(tried, law=wider, values=values)], watch)
-        if not again or again[0][0].ln_evidence < fit.ln_evidence + APART:
+        if not again or again[0][0].ln_evidence < fit.ln_evidence + MORE:
             break
         fit, law, problem = again[0]
     return fit, law, problem

@@ -24,7 +24,8 @@ from flashtemp.discovery.whitening import Data
 from flashtemp.errors import BadInput, SolverFailure
 
 NAMED, WEAK = 8.0, 5.0  # ln Bayes factors: of a named cause, and of a hint
-APART = 3.0  # ln Bayes factor below which two explanations cannot be told apart
+APART = 5.0  # ln Bayes factor below which two explanations cannot be told apart: one of 150 is the wrong one above it
+MORE = 3.0  # ln Bayes factor that more freedom has to bring
 SIMILAR = 0.4  # of the best score: what is refitted beside it
 HOPELESS = 40.0  # behind the best: a refit goes no further
 IDLE = "ends where it does nothing"  # why a full fit is no rival
@@ -88,7 +89,7 @@ class Search:
         """Groups of effects whose full fits did not come to an end and yet explain more than the best, with by how
         much (ln Bayes factor)."""
         gains = {names: f.ln_evidence - self.best.ln_evidence for names, f in self.fits.items() if not f.usable}
-        return {names: gain for names, gain in gains.items() if gain > APART}
+        return {names: gain for names, gain in gains.items() if gain > MORE}
 
     @property
     def extended(self) -> list[Fit]:

@@ -66,7 +66,7 @@ def blind() -> list[Row]:
 SMALL: dict[str, Callable[[], list[Row]]] = {
     "slide2d": lambda: slide2d.rows(1),
     "changing": lambda: changing.rows(1, small=True),
-    "run_in": lambda: run_in.rows(1, (0.7,), 1.2, **{"schedule.repetitions": 1}),
+    "run_in": lambda: run_in.rows(1, ((0.7, 1e-3),), 1.2, **{"schedule.repetitions": 1}),
     "abrasion": worn,
     "theory": theories,
     "slide3d": slide3d.small,

@@ -308,6 +308,14 @@ def test_a_formula_is_found_for_the_line_that_is_nearest_to_it():
     assert found.numbers[2] == pytest.approx(0.15 / 1.2, rel=0.2)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("argument", ["slid", "temperature"])
+def test_a_search_for_a_formula_goes_where_no_number_is_so_large(argument):
+    """And comes back, without a word: exp(b s) overflows on its way."""
+    told = replace(law(*pair("friction", argument)), values=(-211.71, -69.64, 2.2, -74.62, 350.38))
+    assert formula(told, np.eye(5) * 1e-8) is None
+
+
 def test_no_formula_is_given_where_none_fits():
     told = replace(law(*pair("pressure", "place")), values=(0.2, -0.25, 0.2, -0.25, 0.2))
     assert formula(told, np.eye(5) * 1e-6) is None

@@ -16,6 +16,7 @@ from flashtemp.physics.quantities import KELVIN
 
 NARROWEST = {"saturating": 0.02, "peak": 0.05}  # forms whose last number is a width, and its least
 FINE = 400  # places between the outermost nodes at which a line is held to a curve
+FAR = 1e9  # of a law's values: no residual is larger
 LIKELY = 0.05  # probability of so large a misfit, below which a formula does not fit
 Array = npt.NDArray[np.float64]
 
@@ -119,7 +120,9 @@ def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
         white = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((1e-3 * sd) ** 2))).T
 
         def left(numbers: Array) -> Array:
-            return np.asarray(white @ (values - curve(np.array(law.nodes), numbers)), float)
+            with np.errstate(over="ignore", invalid="ignore"):  # a step may go where no number is so large
+                off = white @ np.clip(values - curve(np.array(law.nodes), numbers), -FAR, FAR)
+            return np.nan_to_num(np.asarray(off, float), nan=FAR)
 
         return min((least_squares(left, start, method="lm", max_nfev=120) for start in starts), key=lambda f: f.cost)
 

@@ -122,7 +122,7 @@ def _fitted(form: Form, law: Law, covariance: Array) -> Formula | None:
         def left(numbers: Array) -> Array:
             with np.errstate(over="ignore", invalid="ignore"):  # a step may go where no number is so large
                 off = white @ np.clip(values - curve(np.array(law.nodes), numbers), -FAR, FAR)
-            return np.nan_to_num(np.asarray(off, float), nan=FAR)
+            return np.asarray(np.nan_to_num(off, nan=FAR), float)
 
         return min((least_squares(left, start, method="lm", max_nfev=120) for start in starts), key=lambda f: f.cost)
 

@@ -261,6 +261,19 @@ def test_a_gross_misfit_is_compared_before_its_best_point_is_near(two, share, pr
     assert not replace(fit, solution=replace(solution, chi2=1.0 * solution.count)).usable
 
 
+@pytest.mark.parametrize(
+    ("history", "gained", "done"), [((5.0,), 0.0, False), ((5.0, 5.0), 0.05, True), ((5.0, 5.0), 0.2, False)]
+)
+def test_a_gross_misfit_is_left_no_sooner_than_a_step_was_taken_and_gained_little(two, history, gained, done):
+    """Of an image that is turned by 2 degrees a step promises 1 % of what it gains; `gained` over the misfit."""
+    solution = replace(two.base.solution, chi2=1.5 * two.base.solution.count)
+    fit = replace(two.base, history=history, noisy=False, solution=solution)
+    fit = replace(fit, promise=0.009 * fit.misfit)
+    assert fit.usable
+    descent = Descent(two.problem, two.data, fit.model, history=history, fit=fit, gained=gained * fit.misfit)
+    assert descent.done is done
+
+
 def test_what_one_recording_alone_leaves_over_may_be_gross(two):
     """Half as much again in one trace, which among all data is lost; `excess` is what residuals say."""
     least = min(two.base.blocks, key=lambda b: b.count)

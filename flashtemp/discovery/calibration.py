@@ -27,6 +27,7 @@ SHORTER, LONGER = 0.25, 2.0  # of the last step: the next from the best point af
 VAIN = 0.25  # ln evidence: what gains less was in vain, where it promised little or where a longer step lost
 FEW = 6  # tries that are enough where a model misfits grossly
 HELPS = 8.0  # ln evidence gained by the last of them, more than LITTLE of a gross misfit: then twice as many
+LEAPS = 0.1  # of a gross misfit gained by the last of them: more may follow than a step promises, which is linear
 NEAR = 0.05  # longest step, in prior standard deviations, after which a loss is that of numerics
 MOSTLY = 0.7  # of what a step may explain: what physics must explain alone, lest images and clocks move for it
 DAMPING = 0.3  # of the width of priors, again and again until a step is short enough
@@ -106,7 +107,8 @@ class Descent:
             return True
         helps = max(HELPS, LITTLE * self.fit.misfit if rough else 0.0)
         most = (FEW if rough else TRIES) * (2 if self.gained > helps else 1)
-        return (rough and self.fit.usable) or len(self.history) >= most or self.tried >= most + BACK
+        calm = len(self.history) > 1 and self.gained < LEAPS * self.fit.misfit
+        return (rough and self.fit.usable and calm) or len(self.history) >= most or self.tried >= most + BACK
 
     def take(self, predictions: Sequence[Prediction]) -> Descent:
         """Linearise at the present point and move to where it points; after a loss, back to the best point and on from

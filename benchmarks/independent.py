@@ -1,11 +1,11 @@
 """Blind benchmark of `discover` on campaigns of the independent laboratory in tests/truth, counted honestly.
 
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
-    python benchmarks/independent.py run 900 920 fixed.jsonl small the fixed set of the tests: shorter, fewer candidates
+    python benchmarks/independent.py run 900 920 fixed.jsonl small shorter, fewer candidates, as the tests have them
     python benchmarks/independent.py table found.jsonl
 
 Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
-opened after the verdict.  Seeds from 5000 on were used for no threshold.
+opened after the verdict.  What was mended after a seed was opened, docs/blind_campaigns.md tells with it.
 """
 
 from __future__ import annotations

@@ -33,6 +33,11 @@ class Instrument:
         now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
         return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
 
+    @property
+    def blur(self) -> float:
+        """Width of the point spread, px."""
+        return float(self("blur", self.recording.psf_sigma_px or 0.0))
+
     def of(self, recording: Recording) -> Instrument:
         """The same camera with another recording."""
         other = copy(self)
@@ -53,11 +58,10 @@ class Sight:
     """A camera's axes along u and v and its radiometry: `emissivity` true and `given`, counts that are `mirrored` truly
     and as told, and of what is `outside` the body."""
 
-    recording: Recording
+    camera: Instrument
     axes: tuple[Axis, Axis]
     place: Place
     length: float
-    own: float  # share by which the point spread is wider per share of what the recording tells
     emissivity: float
     given: float
     mirrored: float
@@ -70,14 +74,14 @@ class Sight:
         given = recording.emissivity or (1.0 if recording.view == "profile" else TYPICAL)
         reflected = background if recording.reflected_degC is None else recording.reflected_degC
         u, v = (_axis(camera, a, shift, place, scene.length) for a in (0, 1))
-        psf = recording.psf_sigma_px or 0.0
-        wide = replace(recording, psf_sigma_px=(1.0 + WIDER) * psf)
-        blur, more = (c("blur", c.recording.psf_sigma_px or 0.0) for c in (camera, camera.of(wide)))
         return cls(
-            recording, (u, v), place, scene.length, (more - blur) / (WIDER * (blur or 1.0)),
-            camera("emissivity", given + change), given, LONG_WAVE.counts(camera("reflected", reflected)),
-            LONG_WAVE.counts(reflected), LONG_WAVE.counts(background),
+            camera, (u, v), place, scene.length, camera("emissivity", given + change), given,
+            LONG_WAVE.counts(camera("reflected", reflected)), LONG_WAVE.counts(reflected), LONG_WAVE.counts(background),
         )  # fmt: skip
+
+    @property
+    def recording(self) -> Recording:
+        return self.camera.recording
 
     def shown(self, body, nodes, kept: Kept | None, slopes: bool) -> dict[str, np.ndarray]:
         """Temperatures "" (frames, nv, nu) degC of pixels before a `body` (frames, v nodes, u nodes) degC with `nodes`
@@ -114,8 +118,17 @@ class Sight:
             "shift_v": got.along_v * v.pitch,
             "scale": larger / grown,
             "turn": got.along_v * (x - across) - got.along_u * (y - above) + oblong,
-            "spread": got.wider * self.own,
+            "spread": got.wider * self._wider,
         }
+
+    @property
+    def _wider(self) -> float:
+        """Share by which the point spread is wider per share of what the recording tells of it."""
+        now = self.camera.blur
+        if not now:
+            return 0.0
+        wide = replace(self.recording, psf_sigma_px=(1.0 + WIDER) * (self.recording.psf_sigma_px or 0.0))
+        return (self.camera.of(wide).blur / now - 1.0) / WIDER
 
 
 def _axis(camera: Instrument, axis: int, shift, place: Place, length: float) -> Axis:
@@ -128,5 +141,4 @@ def _axis(camera: Instrument, axis: int, shift, place: Place, length: float) -> 
     if place.scale:
         about = 0.0 if axis else corner(recording, length)
         centres, pitch = about + (centres - about) * (1.0 + place.scale), pitch * (1.0 + place.scale)
-    sigma = camera("blur", recording.psf_sigma_px or 0.0)
-    return Axis(centres, pitch, sigma * pitch)
+    return Axis(centres, pitch, camera.blur * pitch)

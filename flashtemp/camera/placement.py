@@ -38,8 +38,8 @@ def corner(recording: Recording, length: float) -> float:
 
 
 def pivot(recording: Recording, length: float) -> tuple[float, float]:
-    """u and v (m) about which an image is turned: the middle of what it shows of the wall, since edges tell where an
-    image lies; of a wake the middle of the edge that it begins at."""
+    """u and v (m) about which an image is turned: the middle of what it shows of the wall, so that its edges stay where
+    they are on the mean; of a wake the middle of the edge that it begins at."""
     if recording.view == "wake":
         return corner(recording, length), 0.0
     high = recording.v[recording.v >= 0.0]

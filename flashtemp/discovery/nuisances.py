@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.placement import astray
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
@@ -64,13 +65,14 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
     """(mean, standard deviation) of everything that calibration may move, seen from a point."""
     out: Priors = {}
     free = problem.priors
-    known = {v.file: v.recording.registration_sigma_px for v in problem.campaign.views}
+    recordings = {v.file: v.recording for v in problem.campaign.views}
     places = places_known(problem.campaign.views)
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
         elif p.kind in SHIFTS:
-            out[p] = (-model.shift(p.file)[p.axis], known[p.file] or 0.0)
+            sd = astray(recordings[p.file], model.place(p.file), p.axis)
+            out[p] = (-model.shift(p.file)[p.axis], sd)
         elif p.kind is Kind.PLACE:
             out[p] = (-model.beads.get(p, 0.0), places[p])
         elif p.kind is Kind.SENSOR:

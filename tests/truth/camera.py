@@ -18,20 +18,24 @@ light, degC = CubicSpline(_degC, _light), CubicSpline(_light, _degC)  # of a bla
 
 @dataclass(frozen=True)
 class Geometry:
-    """How an image lies wrong: shift along u and v (px), pixels `larger` than told, turned (rad), left for right."""
+    """How an image lies wrong: shift along u and v (px), pixels `larger` than told, turned (rad), left for right.
+
+    What does not move as an image turns or grows is `fixed`: shares of its extent, (0.5, 0.5) its middle.
+    """
 
     shift: tuple[float, float] = (0.0, 0.0)
     larger: float = 0.0
     turned: float = 0.0
     mirrored: bool = False
+    fixed: tuple[float, float] = (0.5, 0.5)
 
     def seen(self, u, v, pitch):
-        """Where points of the image (m as told) really lie; `turned` and `larger` about the middle of the image."""
-        middle = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
-        a, b = (-1.0 if self.mirrored else 1.0) * (u - middle[0]), v - middle[1]
+        """Where points of the image (m as told) really lie; it is mirrored about its middle."""
+        about = [a.min() + share * np.ptp(a) for a, share in zip((u, v), self.fixed, strict=True)]
+        a, b = (u.min() + u.max() - u if self.mirrored else u) - about[0], v - about[1]
         c, s = np.cos(self.turned), np.sin(self.turned)
-        x = middle[0] + (1.0 + self.larger) * (c * a - s * b) + self.shift[0] * pitch
-        return x, middle[1] + (1.0 + self.larger) * (s * a + c * b) + self.shift[1] * pitch
+        x = about[0] + (1.0 + self.larger) * (c * a - s * b) + self.shift[0] * pitch
+        return x, about[1] + (1.0 + self.larger) * (s * a + c * b) + self.shift[1] * pitch
 
 
 @dataclass(frozen=True)

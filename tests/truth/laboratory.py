@@ -231,7 +231,7 @@ def campaign(
     folder, hidden, errors, test = Path(folder), Hidden(hidden or {}), errors or Errors(), test or Programme()
     folder.mkdir(parents=True, exist_ok=True)
     rng, beyond = np.random.default_rng([seed, 5]), dict(beyond or {})
-    drawn = _Draw(rng, errors)
+    drawn = _Draw(rng, errors, np.random.default_rng([seed, 6]))
     length = 0.025 + drawn(errors.length) + beyond.pop("length", 0.0)
     pair = replace(Pair(columns=test.columns), length=length)
     common = {k: float(np.exp(drawn(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
@@ -285,9 +285,14 @@ class _Draw:
 
     rng: np.random.Generator
     errors: Errors
+    places: np.random.Generator
 
     def __call__(self, width):
         return float(self.errors.size * width * self.rng.normal())
+
+    def fixed(self):
+        """About which point of an image (shares of its extent) it turns and grows."""
+        return tuple(self.places.uniform(size=2))
 
 
 def _clock(drawn, errors):
@@ -306,8 +311,9 @@ def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
         v = np.arange(-0.03 + 0.5 * pitch, 0.03, pitch)
         moments = [m for m in moments if m.sliding]
     geometry = Geometry(
-        (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned))
-    )
+        (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned)),
+        fixed=drawn.fixed(),
+    )  # fmt: skip
     geometry = replace(geometry, **beyond) if view == "sidewall" else geometry
     waves = [(m, n, drawn(errors.map)) for m, n in ((1, 0), (0, 1), (1, 1), (2, 1))]
     a, b = np.linspace(0.0, 1.0, len(u)), np.linspace(0.0, 1.0, len(v))[:, None]

@@ -61,6 +61,32 @@ def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed):
         assert {c["effect"] for c in found["causes"]} == {CALLED[found["hidden"]]}
 
 
+@pytest.mark.parametrize(
+    ("hidden", "beyond", "lined"),
+    [
+        ({}, {"turned": 0.035, "fixed": (1.0, 1.0)}, True),  # its marked corner is off by 4 px
+        ({}, {"turned": -0.035, "fixed": (0.0, 1.0)}, True),
+        ({}, {}, False),
+        ({"edge_pressure": 3.9}, {}, False),  # an image may hide most of it, and has to be strange for that
+    ],
+)
+def test_images_are_lined_up_where_nothing_else_is_wrong(tmp_path, hidden, beyond, lined):
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery.lining_up import lined_up
+    from flashtemp.discovery.prediction import Derivatives, predict
+    from flashtemp.discovery.problem import prepare
+
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
+    laboratory.campaign(tmp_path, hidden, 908, test=test, beyond=beyond, views=("sidewall",))
+    problem = prepare(campaign.load(tmp_path), lambda tasks: [predict(t) for t in tasks])
+    found = lined_up(problem, problem.predictions(problem.tasks(problem.start, Derivatives())))
+    assert found.start.places.keys() == ({v.file for v in problem.campaign.views} if lined else set())
+    for place in found.start.places.values():
+        assert place.turn == pytest.approx(beyond["turned"], abs=2e-3)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", LAWS)
 def test_laws_of_another_laboratory_are_learned(benchmark, seed):

@@ -46,17 +46,6 @@ def pivot(recording: Recording, length: float) -> tuple[float, float]:
     return 0.5 * length, 0.5 * float(high.max()) if recording.view == "sidewall" and len(high) else 0.0
 
 
-def astray(recording: Recording, place: Place, axis: int) -> float:
-    """How far (px along u, 0, or v, 1) an image with a `place` may stand from where it was lined up: standard deviation.
-
-    Nobody notes about which point a camera was turned or a scale was off: any that the image shows, and its middle is
-    one to its edge from it; added to how well its origin is known.
-    """
-    reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
-    moved = np.hypot(place.scale * reach[axis], place.turn * reach[1 - axis])
-    return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
-
-
 def check_seen(recording: Recording, block: tuple[float, float] | None) -> None:
     """BadInput where the whole image of a side wall lies beside the `block` (length, height in m), if that is known."""
     if block is None or recording.view != "sidewall":

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.placement import astray
+from flashtemp.camera.placement import Place
+from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
@@ -32,10 +33,12 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
     Kind.SIZE: 0.01,  # length and width of the block
 }
+USUAL = np.array([GROUPS[Kind.SCALE], GROUPS[Kind.TURN]])
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
 STIFF = 0.03  # times as wide: priors of images, clocks and the block where a model misfits too grossly to move them
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
+CARELESS = 0.5  # of a usual scale or turn: from where the point about which it is one is not the one that was marked
 LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MOST = 3.0
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
@@ -87,6 +90,21 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
             out[p] = (0.0, STIFF * out[p][1])
     return out
+
+
+def astray(recording: Recording, place: Place, axis: int) -> float:
+    """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
+
+    Beyond what is usual nobody notes about which point a camera was turned, or a scale was off: any that the image
+    shows, from its middle to its edge being one standard deviation; added to how well its origin is known.  A wake
+    begins at the edge that it is lined up with.
+    """
+    if recording.view != "sidewall":
+        return recording.registration_sigma_px or 0.0
+    wrong = np.maximum(np.abs([place.scale, place.turn]) - CARELESS * USUAL, 0.0)
+    reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
+    moved = np.hypot(wrong[0] * reach[axis], wrong[1] * reach[1 - axis])
+    return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 
 
 def rescaled(priors: Priors, scale: float, floor: float) -> Priors:

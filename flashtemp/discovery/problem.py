@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.placement import Place
 from flashtemp.comparison.campaign import Campaign, Condition, View
 from flashtemp.comparison.compare import window
 from flashtemp.discovery.condensing import condensed
@@ -38,7 +39,8 @@ class Problem:
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
     `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
-    `stiff`: images, clocks and the block may hardly be elsewhere than where they are.
+    `stiff`: images, clocks and the block may hardly be elsewhere than where they are.  Images that were seen to lie far
+    from where they are told to begin at their `places` and `shifts`.
     """
 
     campaign: Campaign
@@ -50,6 +52,8 @@ class Problem:
     case: Case
     loose: frozenset[ParameterId] = frozenset()
     stiff: bool = False
+    places: dict[str, Place] = field(default_factory=dict)
+    shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
         """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
@@ -78,7 +82,7 @@ class Problem:
     @property
     def start(self) -> Model:
         """The case as it is believed."""
-        return Model(dict.fromkeys(self.campaign.free, 0.0))
+        return Model(dict.fromkeys(self.campaign.free, 0.0), shifts=self.shifts, places=self.places)
 
 
 def checked(answer: Prediction | FlashtempError) -> Prediction:

@@ -11,7 +11,6 @@ from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, holdable
-from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.put_right import doubt, put_right
@@ -143,7 +142,7 @@ def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> 
     trace of one alone shows the other, and a base that misfits shifts the images.
     """
     watch(f"fitting: {first.effect} alone has no best point; looking for a partner")
-    model = Model(search.problem.start.free, {first.effect: typical(first)})
+    model = replace(search.problem.start, effects={first.effect: typical(first)})
     best: list[tuple[float, Descent]] = []
     others = [s for s in ranked if s is not first and s.seen > SEEN]
     for k in range(0, len(others), TOGETHER):

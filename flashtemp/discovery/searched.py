@@ -13,6 +13,7 @@ from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError
+from flashtemp.discovery.lining_up import lined_up
 from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.orientation import Turned, turned_round, with_views
 from flashtemp.discovery.parameters import Kind, ParameterId
@@ -118,8 +119,7 @@ def held(problem: Problem, model: Model) -> list[Candidate]:
 def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure."""
     watch("calibrating the model that is believed")
-    model = problem.start
-    first = problem.predictions(problem.tasks(model, everything(problem)))
+    first = problem.predictions(problem.tasks(problem.start, everything(problem)))
     refused = strangers(problem, first)
     if refused:
         problem, (first,) = without(problem, [first], refused)
@@ -128,7 +128,12 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     mirrored = turned_round(problem, Data.begin(problem, first), first)
     if mirrored:
         problem = with_views(problem, [m.view for m in mirrored])
-        first = problem.predictions(problem.tasks(model, everything(problem)))
+        first = problem.predictions(problem.tasks(problem.start, everything(problem)))
+    lined = lined_up(problem, first)
+    if lined.start != problem.start:
+        problem = lined
+        first = problem.predictions(problem.tasks(problem.start, everything(problem)))
+    model = problem.start
     tasks = [task for c in COARSE for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
     answers, count = problem.predictions(tasks), len(problem.conditions)
     coarse = [answers[k : k + count] for k in range(0, len(answers), count)]

@@ -95,6 +95,14 @@ def test_laws_of_another_laboratory_are_learned(benchmark, seed):
 
 
 @pytest.mark.long
+def test_a_law_on_which_speeds_do_not_agree_is_learned(benchmark):
+    """Walls cooled as sqrt(v), in a catalogue that has v^0.8."""
+    found = benchmark.one(8541)
+    assert found["verdict"] == "learned", found["says"]
+    assert "power: " in " ".join(found["says"])
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", OTHERS)
 def test_nothing_is_named_that_is_not_there(benchmark, seed):
     found = benchmark.one(seed, small=True)

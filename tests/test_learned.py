@@ -26,6 +26,7 @@ from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.searched import NAMED, Search
 from flashtemp.discovery.unknown_law import ARGUMENTS, MOST, NAME, NODES, UNKNOWNS, Law, given, spread
+from flashtemp.discovery.verdict import Cause, Estimate
 from flashtemp.model.case import load
 from flashtemp.physics.own_effects import read
 from flashtemp.physics.quantities import KELVIN
@@ -178,6 +179,28 @@ def test_an_error_of_the_laboratory_stays_only_where_the_data_still_want_it(wort
     after, usual = learning._usual(search, problem, SimpleNamespace(solved=solved, effects={}))
     assert (clock in usual.loose) is kept
     assert bool(after.laboratory) is kept
+
+
+@pytest.mark.parametrize(("named", "goes_on"), [(0.0, True), (280.0, True), (295.0, False)])
+def test_a_law_is_fitted_only_where_it_explains_clearly_more_than_what_was_named(monkeypatch, named, goes_on):
+    told = law(*pair("walls", "speed"))
+    fitted = []
+    monkeypatch.setattr(learning, "_laws", lambda search: [told])
+    monkeypatch.setattr(learning, "_scored", lambda search, laws: [learning.Tried(told, 1.0, 300.0, told.values)])
+    monkeypatch.setattr(learning, "_fitted", lambda search, likely, watch: fitted.extend(likely) or [])
+    base = SimpleNamespace(ln_evidence=0.0)
+    problem = Problem(None, (), (), (), {}, None, None)
+    assert learning.learn(Search(problem, None, {}, base, base, {}), lambda text: None, named) is None
+    assert bool(fitted) is goes_on
+
+
+@pytest.mark.parametrize(("chance", "beside", "asked"), [(2e-4, 0, True), (0.3, 0, False), (2e-4, 1, False)])
+def test_a_law_is_looked_for_where_conditions_hardly_agree_on_the_one_cause(chance, beside, asked):
+    one = Cause("side_cooling", "", (Estimate("side_cooling.gain", 100.0, 5.0, (90.0, 110.0)),), 0.0, 0.0, 0.0)
+    causes = (replace(one, consistent=chance), *[one] * beside, replace(one, laboratory=True))
+    verdict = SimpleNamespace(kind="named", causes=causes)
+    assert (discover._doubted(verdict) is not None) is asked
+    assert discover._doubted(SimpleNamespace(kind="weak", causes=causes)) is None
 
 
 # --- formulas -----------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore, settled
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
 from flashtemp.discovery.unknown_law import NAME
-from flashtemp.discovery.verdict import Found, Held, Verdict
+from flashtemp.discovery.verdict import Cause, Found, Held, Verdict
 from flashtemp.discovery.visible import Gain, gain
 from flashtemp.runs.workers import crew
 
@@ -52,7 +52,7 @@ def discover(
         search = found if adequacy.beyond_doubt(found.best) else _certain(found, watch)
         watch("judging")
         verdict = _verdict(search)
-        if verdict.kind == "unexplained":
+        if verdict.kind == "unexplained" or _doubted(verdict) is not None:
             verdict, search = _learned(verdict, search, watch)
         if verdict.kind == "unexplained" and search is found:  # no law was learned
             certain = _certain(settled(found, watch), watch)
@@ -162,15 +162,26 @@ def _verdict(search: Search) -> Verdict:
 
 
 def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
-    """A law that explains what the catalogue does not, judged like any cause; else the verdict as it was."""
-    found = learn(search, watch)
+    """A law that explains what the catalogue does not, or does better than a cause whose own law is in doubt, judged
+    like any cause; else the verdict as it was."""
+    rival = _doubted(verdict)
+    found = learn(search, watch, 0.0 if rival is None else search.best.ln_evidence - search.base.ln_evidence)
     if found is None:
         return verdict, search
     again = _verdict(found.search)
     if again.kind != "named" and not (again.kind == "weak" and _foretells(again)):
         return verdict, search
     again = replace(again, kind="learned", law=found.told, not_named=())
-    return replace(again, says=wording.says(again, found.search.problem.case.known)), found.search
+    says = wording.says(again, found.search.problem.case.known)
+    if rival is not None:
+        says = (*says, wording.instead(rival, found.search.best.ln_evidence - search.best.ln_evidence))
+    return replace(again, says=says), found.search
+
+
+def _doubted(verdict: Verdict) -> Cause | None:
+    """The one effect that was named, if its own law is in doubt."""
+    effects = [c for c in verdict.causes if not c.laboratory]
+    return effects[0] if verdict.kind == "named" and len(effects) == 1 and effects[0].doubted else None
 
 
 def _foretells(verdict: Verdict) -> bool:

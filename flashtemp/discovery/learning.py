@@ -86,8 +86,9 @@ class Learned:
 Fitted = tuple[Fit, Law, Problem]  # a law at its best point, in a problem that has it
 
 
-def learn(search: Search, watch: Watch) -> Learned | None:
-    """The law that explains what the catalogue does not, or None.  Raises SolverFailure."""
+def learn(search: Search, watch: Watch, named: float = 0.0) -> Learned | None:
+    """The law that explains what the catalogue does not, or clearly more than what was `named` (ln Bayes factor); or
+    None.  Raises SolverFailure."""
     laws = list(_laws(search))
     if not laws:
         return None
@@ -97,12 +98,12 @@ def learn(search: Search, watch: Watch) -> Learned | None:
         tried += _scored(search, laws[k : k + TOGETHER])
     tried.sort(key=lambda t: -t.ln_bayes)
     price = np.log(len(laws))
-    likely = [t for t in tried if t.ln_bayes > NAMED + price][:SHORT]
+    likely = [t for t in tried if t.ln_bayes > named + NAMED + price][:SHORT]
     if not likely:
         return None
     found = _fitted(search, likely, watch)
     fit, law, problem = max(found, key=lambda f: f[0].ln_evidence, default=(search.base, None, search.problem))
-    least = max([NAMED + price, *search.unsettled.values()])  # no less than effects whose fits came to no end
+    least = max([named + NAMED + price, *search.unsettled.values()])  # no less than effects whose fits came to no end
     if law is None or fit.ln_evidence - search.base.ln_evidence < least:
         return None
     fit, law, problem = _closer(search, (fit, law, problem), next(t for t in likely if t.law.name == law.name), watch)

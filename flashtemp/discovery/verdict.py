@@ -14,6 +14,7 @@ from flashtemp.showing import Sheet, Shown
 Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
 KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
+DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,11 @@ class Cause:
     per_condition: tuple[OwnValue, ...] = ()
     consistent: float = 1.0
     laboratory: bool = False
+
+    @property
+    def doubted(self) -> bool:
+        """Whether its law need not be the one of its name: conditions would have it rather different in strength."""
+        return self.consistent < DOUBTED and bool(self.parameters)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from flashtemp.physics.effect import Effect
 
 MOST = 3  # of each kind in the text
 SHOWS = 5.0  # standard deviations of a typical strength, below which a cause would hardly be named
-DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
@@ -186,8 +185,8 @@ def _law(law: LearnedLaw, ln_bayes: float) -> list[str]:
     )
     kind = "factor" if law.unit == "1" else "value"
     lines = [
-        f"Learned, since nothing in the catalogue explains the data: {law.words}; {kind} {rows}. ln Bayes factor "
-        f"{ln_bayes:.0f} against the model without it."
+        f"Learned, since nothing in the catalogue explains the data as well: {law.words}; {kind} {rows}. ln Bayes "
+        f"factor {ln_bayes:.0f} against the model without it."
     ]
     lines.append(f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve.")
     if law.beside:
@@ -246,8 +245,8 @@ def _sentence(c: Cause) -> str:
 
 
 def _doubt(c: Cause) -> list[str]:
-    """That its law need not be the one of its name, where conditions would have it rather different in strength."""
-    if c.consistent >= DOUBTED or not c.parameters:
+    """That its law need not be the one of its name."""
+    if not c.doubted:
         return []
     unit = "" if c.parameters[0].unit == "1" else f" {c.parameters[0].unit}"
     wanted = "; ".join(f"{own.value:.4g} +- {own.stderr:.2g}{unit} ({own.condition})" for own in c.per_condition)
@@ -256,6 +255,14 @@ def _doubt(c: Cause) -> list[str]:
         f"{c.parameters[0].name} = {wanted}; by chance so with a probability of {c.consistent:.1g}. What is missing is "
         f"sure, its law is not: measure a condition in between, or beyond."
     ]
+
+
+def instead(c: Cause, gain: float) -> str:
+    """Why a law was learned though the catalogue has a cause."""
+    return (
+        f"The catalogue's {c.effect} would be nearly the same, but explains less (by a ln Bayes factor of {gain:.0f}), "
+        f"and conditions do not agree on its strength (by chance so with a probability of {c.consistent:.1g})."
+    )
 
 
 def not_settled(names: frozenset[str], gain: float) -> str:

@@ -19,7 +19,7 @@ from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.rounds import FAR, _far, advance, descend
+from flashtemp.discovery.rounds import FAR, _far, _lost, advance, descend
 from flashtemp.discovery.scores import scores
 from flashtemp.discovery.searched import calibrate, traced
 from flashtemp.discovery.starts import _options, by_runs, dragged, typical
@@ -226,6 +226,21 @@ def test_what_goes_no_further(rounds, lost, ln_evidence, far):
     fit = SimpleNamespace(ln_evidence=ln_evidence, promise=1e3)
     other = SimpleNamespace(history=(1.0,) * rounds, back=lost, fit=fit)
     assert _far(other, [best, other], 40.0) is far
+
+
+@pytest.mark.parametrize(
+    ("reached", "usable", "gross", "spare", "lost"),
+    [
+        (-200.0, True, False, 0.0, True), (-341.0, True, False, 0.0, False), (-200.0, False, False, 0.0, False),
+        (-200.0, True, True, 0.0, False), (-200.0, True, False, 200.0, False),
+    ],
+)  # fmt: skip
+def test_a_rival_of_what_leaves_nothing_over_goes_no_further(reached, usable, gross, spare, lost):
+    """It promises -500 and a quarter of 480 besides, and would have to be within 40 of what another one has."""
+    end = SimpleNamespace(ln_evidence=reached, usable=usable, hopeless=gross, spare=spare)
+    fit = SimpleNamespace(ln_evidence=-500.0, promise=480.0)
+    ended, other = SimpleNamespace(fit=end), SimpleNamespace(fit=fit)
+    assert _lost(other, [ended, SimpleNamespace(fit=None)], 40.0) is lost
 
 
 # --- gross misfits -----------------------------------------------------------------------------------

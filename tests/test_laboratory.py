@@ -15,7 +15,7 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.discovery import discover, prediction, searched
+from flashtemp.discovery import discover, laboratory, prediction, searched
 from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
@@ -399,6 +399,28 @@ def turn_image(degrees):
         return replace(r, temperature=np.stack([_interpolated(T, wanted, LONG_WAVE) for T in r.temperature]))
 
     return change
+
+
+@pytest.mark.parametrize(("beyond", "told"), [(20.0, 15.0), (0.5, 0.5), (-0.6, -0.6)])
+def test_what_a_smooth_error_of_the_model_explains_as_well_is_no_error_of_the_laboratory(beyond, told):
+    """A wake 8 % too small, by a ln Bayes factor of 15, was an image whose gain bends by 0.3 %."""
+    p = ParameterId(Kind.SCALE, file="wake.nc")
+
+    class Solved(dict):
+        def sd(self, p):
+            return 0.015
+
+    def solved(problem, more):
+        found = Solved({p: 0.08})
+        found.ln_evidence = 15.0 if p in more else 0.0
+        return SimpleNamespace(solution=found)
+
+    fit = SimpleNamespace(
+        solved=solved, at_largest=lambda problem, more: beyond if p in more else 0.0, effects={}, model=Model(),
+        system=SimpleNamespace(names=[p]),
+    )  # fmt: skip
+    [error] = laboratory.errors(Problem(None, (), (), (), {}, None, None), fit)
+    assert error.ln_bayes == told
 
 
 @pytest.mark.long

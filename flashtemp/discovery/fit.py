@@ -7,8 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from flashtemp.discovery.floor import LARGEST
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.nuisances import nuisances, rescaled
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction import Prediction
 from flashtemp.discovery.problem import Problem
@@ -91,6 +93,11 @@ class Fit:
         return float(max(gross, default=0.0))
 
     @property
+    def spare(self) -> float:
+        """ln evidence that data leave over beyond their noise: what any other model may gain, about."""
+        return max(0.0, 0.5 * (self.solution.chi2 - self.solution.count))
+
+    @property
     def ln_evidence(self) -> float:
         return self.solution.ln_evidence
 
@@ -112,6 +119,11 @@ class Fit:
     def solved(self, problem: Problem, more: Priors, equations: NormalEquations | None = None) -> Scaled:
         """The same data and point with other priors than those of the nuisances."""
         return solved(problem, self.system, self.model, more, equations)
+
+    def at_largest(self, problem: Problem, more: Priors) -> float:
+        """ln evidence with these priors where the model's own error may be as large as it ever is."""
+        plain = rescaled(nuisances(problem, self.system.names, self.model), self.scale, LARGEST)
+        return self.system.solve(plain | more).ln_evidence
 
 
 @dataclass(frozen=True)

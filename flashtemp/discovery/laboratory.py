@@ -27,7 +27,7 @@ VIEWS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all prof
 @dataclass(frozen=True)
 class LabError:
     """One error of the laboratory: its `value` with `stderr` in `unit`, `pull` in standard deviations of what is usual,
-    `ln_bayes` of a prior that is LOOSE times as wide, and `words` for people."""
+    `ln_bayes` of a prior that is LOOSE times as wide, also where the model errs most, and `words` for people."""
 
     name: str
     parameter: ParameterId
@@ -63,9 +63,11 @@ def errors(problem: Problem, fit: Fit) -> tuple[LabError, ...]:
 
 
 def _error(problem: Problem, fit: Fit, p: ParameterId, plain: float) -> LabError:
-    sd, mean = GROUPS[p.kind], -fit.model.placed(p)
-    wide = fit.solved(problem, fit.effects | {p: (mean, LOOSE * sd)}).solution
+    own = {p: (-fit.model.placed(p), LOOSE * GROUPS[p.kind])}
+    wide = fit.solved(problem, fit.effects | own).solution
     gain = wide.ln_evidence - plain if p not in problem.loose else float("-inf")
+    if gain > 0.0:  # what a smooth error of the model explains as well is none of the laboratory
+        gain = min(gain, fit.at_largest(problem, fit.effects | own) - fit.at_largest(problem, fit.effects))
     return _stated(problem, p, fit.model.placed(p) + wide[p], wide.sd(p), gain)
 
 

@@ -171,7 +171,7 @@ def _fit(search: Search, groups: Sequence[tuple[Score, ...]], watch: Watch) -> S
         start = search.start(model, [*search.own, *(s.candidate for s in group)])
         descents.append(start if stray else replace(start, parent=search.best))
         asked[names] = _gain(search, group)
-    return _run(replace(search, asked=asked), descents, watch)
+    return _run(replace(search, asked=asked), descents, watch, first=stray)
 
 
 def _gain(search: Search, group: tuple[Score, ...]) -> float:
@@ -183,13 +183,14 @@ def _gain(search: Search, group: tuple[Score, ...]) -> float:
     return wider - search.best.solved(search.problem, search.best.effects).solution.ln_evidence
 
 
-def _run(search: Search, descents: list[Descent], watch: Watch) -> Search:
-    """With full fits, kept where they found anything."""
+def _run(search: Search, descents: list[Descent], watch: Watch, first: bool = False) -> Search:
+    """With full fits, kept where they found anything; the `first` of them may go before, and show how far one gets."""
     if not descents:
         return search
     watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
     fits, failed, ended = dict(search.fits), search.failed, dict(search.ended)
-    for d in descend(search.problem, descents, watch, HOPELESS):
+    before = descend(search.problem, descents[:1], watch) if first else []
+    for d in descend(search.problem, [*before, *descents[len(before) :]], watch, HOPELESS):
         names = frozenset(d.model.effects)
         if d.fit is None:
             failed = d.failed or failed

@@ -10,7 +10,7 @@ from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.assessment import Assessed
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.floor import LARGEST, LEAST
-from flashtemp.discovery.nuisances import GROUPS, nuisances, rescaled
+from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.searched import NAMED
@@ -133,6 +133,4 @@ def _pull(base: Pulling, extended: Pulling) -> float:
 
 def _at_largest(problem: Problem, fit: Fit) -> float:
     """ln evidence of a fit where the model's own error may be as large as it ever is."""
-    held = {p: v for p, v in fit.effects.items() if p not in fit.bound}
-    priors = rescaled(nuisances(problem, fit.system.names, fit.model), fit.scale, LARGEST) | held
-    return fit.system.solve(priors).ln_evidence
+    return fit.at_largest(problem, {p: v for p, v in fit.effects.items() if p not in fit.bound})

@@ -676,7 +676,10 @@ def test_data_that_can_hardly_show_a_cause_say_so(seen, said):
     assert any(f"The strongest of {len(seen)} candidates, {RIVALS[1].effect}," in line for line in lines)
 
 
-@pytest.mark.parametrize(("pull", "said"), [(1.2, "within what is usual"), (-6.6, "far beyond what is usual")])
+@pytest.mark.parametrize(
+    ("pull", "said"),
+    [(1.2, "within what is usual"), (2.0, "more than is usual, and allowed"), (-6.6, "far beyond what is usual")],
+)
 def test_errors_of_the_laboratory_are_called_usual_only_where_they_are(pull, said):
     found = Found("block.length", 26.65e-3, 5e-5, "m", pull, "the block's length is 26.65 mm")
     [line] = [

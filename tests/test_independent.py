@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 FILE = Path(__file__).parents[1] / "benchmarks" / "independent.py"
@@ -68,6 +70,8 @@ def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed):
         ({}, {"turned": -0.035, "fixed": (0.0, 1.0)}, True),
         ({}, {}, False),
         ({"edge_pressure": 3.9}, {}, False),  # an image may hide most of it, and has to be strange for that
+        ({"pressure_tilt": 0.45}, {}, False),  # an image turned by one degree more would leave a tenth of it
+        ({"pressure_tilt": 1.2}, {}, False),
     ],
 )
 def test_images_are_lined_up_where_nothing_else_is_wrong(tmp_path, hidden, beyond, lined):
@@ -75,16 +79,29 @@ def test_images_are_lined_up_where_nothing_else_is_wrong(tmp_path, hidden, beyon
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery.lining_up import lined_up
-    from flashtemp.discovery.prediction import Derivatives, predict
+    from flashtemp.discovery.nuisances import everything
+    from flashtemp.discovery.prediction import predict
     from flashtemp.discovery.problem import prepare
 
     test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
     laboratory.campaign(tmp_path, hidden, 908, test=test, beyond=beyond, views=("sidewall",))
-    problem = prepare(campaign.load(tmp_path), lambda tasks: [predict(t) for t in tasks])
-    found = lined_up(problem, problem.predictions(problem.tasks(problem.start, Derivatives())))
+    told = campaign.load(tmp_path)
+    if lined:  # dead frames, and pixels that fail now and then, say nothing of where it lies
+        T = told.views[0].recording.temperature.copy()
+        T[1] = np.nan
+        T[np.random.default_rng(1).uniform(size=T.shape) < 0.3] = np.nan
+        told = replace(told, views=(replace(told.views[0], recording=replace(told.views[0].recording, temperature=T)),))
+    problem = prepare(told, lambda tasks: [predict(t) for t in tasks])
+    found, _ = lined_up(problem, problem.predictions(problem.tasks(problem.start, everything(problem))))
     assert found.start.places.keys() == ({v.file for v in problem.campaign.views} if lined else set())
     for place in found.start.places.values():
         assert place.turn == pytest.approx(beyond["turned"], abs=2e-3)
+    held = replace(problem, conditions=tuple(_held_out(c) for c in problem.conditions))
+    assert not lined_up(held, problem.predictions(problem.tasks(problem.start, everything(problem))))[0].places
+
+
+def _held_out(condition):
+    return replace(condition, views=tuple(replace(v, held_out=True) for v in condition.views))
 
 
 @pytest.mark.long

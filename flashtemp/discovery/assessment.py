@@ -235,19 +235,21 @@ def _rival(search: Search, s: Score, single: Separability, accepted: list[str]) 
             left = search.best.ln_evidence - refit.ln_evidence
     return Rival(
         effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
-        reason=_why_not(s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
+        reason=_why_not(s, score, left, accepted, refit), parameter=str(name), amplitude=amplitude, stderr=sd,
         unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.seen,
-        detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left, refitted=refit is not None,
+        detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left,
+        refitted=refit is not None and refit.usable,
     )  # fmt: skip
 
 
-def _why_not(s: Score, score: float, left: float | None, accepted: list[str]) -> str:
+def _why_not(s: Score, score: float, left: float | None, accepted: list[str], refit: Fit | None) -> str:
     if s.effect in accepted:
         return "accepted"
     if s.reason:
         return s.reason
     if left is not None and score > WEAK:
-        return f"explains part of it, but leaves ln Bayes factor {left:.0f} to {' and '.join(accepted)}"
+        about = "" if refit is not None and refit.usable else "about "
+        return f"explains part of it, but leaves ln Bayes factor {about}{left:.0f} to {' and '.join(accepted)}"
     if score > NAMED and accepted:
         return f"its trace resembles that of {accepted[0]}; nothing is left for it beside that"
     if s.seen < 3.0:

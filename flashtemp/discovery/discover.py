@@ -31,6 +31,7 @@ from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
 from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Cause, Found, Held, Verdict
 from flashtemp.discovery.visible import Gain, gain
+from flashtemp.errors import SolverFailure
 from flashtemp.runs.workers import crew
 
 SHOWN = 20  # candidates in the separability matrix
@@ -165,8 +166,14 @@ def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, S
     """A law that explains what the catalogue does not, or does better than a cause whose own law is in doubt, judged
     like any cause; else the verdict as it was."""
     rival = _doubted(verdict)
-    found = learn(search, watch, 0.0 if rival is None else search.best.ln_evidence - search.base.ln_evidence)
+    try:
+        found = learn(search, watch, 0.0 if rival is None else search.best.ln_evidence - search.base.ln_evidence)
+    except SolverFailure:  # a law that cannot be followed is none; what is known already is not lost
+        return verdict, search
     if found is None:
+        return verdict, search
+    more = found.search.best.ln_evidence - search.best.ln_evidence
+    if rival is not None and more < NAMED:  # its fit in full came to less than its first one
         return verdict, search
     again = _verdict(found.search)
     if again.kind != "named" and not (again.kind == "weak" and _foretells(again)):
@@ -174,7 +181,7 @@ def _learned(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, S
     again = replace(again, kind="learned", law=found.told, not_named=())
     says = wording.says(again, found.search.problem.case.known)
     if rival is not None:
-        says = (*says, wording.instead(rival, found.search.best.ln_evidence - search.best.ln_evidence))
+        says = (*says, wording.instead(rival, more))
     return replace(again, says=says), found.search
 
 

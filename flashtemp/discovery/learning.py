@@ -103,7 +103,8 @@ def learn(search: Search, watch: Watch, named: float = 0.0) -> Learned | None:
         return None
     found = _fitted(search, likely, watch)
     fit, law, problem = max(found, key=lambda f: f[0].ln_evidence, default=(search.base, None, search.problem))
-    least = max([named + NAMED + price, *search.unsettled.values()])  # no less than effects whose fits came to no end
+    known = search.best.ln_evidence - search.base.ln_evidence
+    least = max([named + NAMED + price, known, *search.unsettled.values()])  # no less than effects, ended or not
     if law is None or fit.ln_evidence - search.base.ln_evidence < least:
         return None
     fit, law, problem = _closer(search, (fit, law, problem), next(t for t in likely if t.law.name == law.name), watch)

@@ -6,7 +6,7 @@ two degrees about its far corner; all that it takes to line it up is the predict
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,30 +14,67 @@ import numpy.typing as npt
 
 from flashtemp.camera.placement import Place, corner, pivot
 from flashtemp.camera.recording import Recording
-from flashtemp.discovery.nuisances import USUAL, astray
+from flashtemp.discovery.nuisances import USUAL, astray, everything
+from flashtemp.discovery.orientation import begun, judged, suspicious
 from flashtemp.discovery.prediction import Observable, Prediction
-from flashtemp.discovery.problem import LIKELY, SEEN, Problem
+from flashtemp.discovery.problem import LIKELY, SEEN, Problem, checked
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import FlashtempError
 
 Array = npt.NDArray[np.float64]
+Lies = tuple[Place, tuple[float, float]]  # how an image lies, and its shift along u and v in px
 LEFT = 0.25  # of a misfit: what lining up leaves of it where nothing else is wrong; a peak of the pressure leaves more
 LIKE = 3.0  # standard deviations of what is usual, within which an image may lie otherwise
 TURNS = (0.0, -2.0, 2.0)  # of a usual turn: from where one is looked for
 
 
-def lined_up(problem: Problem, first: Sequence[Prediction]) -> Problem:
-    """The problem with side walls, which alone show an edge, where they clearly lie by the `first` predictions."""
-    places, shifts = dict(problem.places), dict(problem.shifts)
+def lined_up(problem: Problem, first: list[Prediction]) -> tuple[Problem, list[Prediction]]:
+    """The problem with side walls, which alone show an edge, where they clearly lie by the `first` predictions, and the
+    first predictions of that.
+
+    An image that leaves nothing over where it is told to be, whatever the shape of the pressure, stays there: turned by
+    a degree it would hide a tilt.
+    """
+    found = dict(_elsewhere(problem, first))
+    if not found:
+        return problem, first
+    data = Data.begin(problem, first)
+    told = {view.file: alone for alone, view in suspicious(problem, data, first)}
+    found = {file: lies for file, lies in found.items() if file in told}
+    while found:
+        there = _placed(problem, found)
+        made = there.run(there.tasks(there.start, everything(there)))
+        if any(isinstance(answer, FlashtempError) for answer in made):
+            break
+        seen = [checked(answer) for answer in made]
+        better = {b.label: judged(there, b, there.start) for b in begun(there, data, seen) if b.label in found}
+        sure = {file: found[file] for file, alone in better.items() if alone.fits_better_than(told[file])}
+        if len(sure) == len(found):
+            return there, seen
+        found = sure
+    return problem, first
+
+
+def _placed(problem: Problem, found: dict[str, Lies]) -> Problem:
+    """The problem with images elsewhere."""
+    places = {file: place for file, (place, _) in found.items()}
+    shifts = {file: shift for file, (_, shift) in found.items()}
+    return replace(problem, places=problem.places | places, shifts=problem.shifts | shifts)
+
+
+def _elsewhere(problem: Problem, first: Sequence[Prediction]) -> Iterator[tuple[str, Lies]]:
+    """Side walls that the predicted picture fits much better elsewhere, and where."""
     for condition, prediction in zip(problem.conditions, first, strict=True):
         for view in condition.views:
-            if view.recording.view != "sidewall" or not view.recording.registration_sigma_px:
+            r = view.recording
+            if r.view != "sidewall" or not r.registration_sigma_px or min(len(r.u), len(r.v)) < 2:
                 continue
-            found = _clearly(problem, view.recording, prediction.observables[view.file])
+            found = _clearly(problem, r, prediction.observables[view.file])
             if found is not None:
-                places[view.file], shifts[view.file] = found
-    return replace(problem, places=places, shifts=shifts)
+                yield view.file, found
 
 
-def _clearly(problem: Problem, recording: Recording, seen: Observable) -> tuple[Place, tuple[float, float]] | None:
+def _clearly(problem: Problem, recording: Recording, seen: Observable) -> Lies | None:
     """How an image lies, with its shift (px), if that and nothing else is wrong with it."""
     from scipy.optimize import least_squares
 
@@ -61,15 +98,17 @@ class _Image:
         from scipy.ndimage import spline_filter
 
         still = problem.case["ambient.temperature"]
-        known = seen.inside & np.isfinite(recording.temperature).all(axis=0)
+        left = recording.temperature - seen.values
+        known = seen.inside & np.isfinite(left).any(axis=0)
+        mean = np.nan_to_num(seen.values.mean(axis=0) - still)
         self.recording = recording
-        self.measured: Array = recording.temperature[:, known].mean(axis=0) - still
-        self.predicted = spline_filter(np.nan_to_num(seen.values.mean(axis=0) - still), mode="nearest")
+        self.measured: Array = mean[known] + np.nanmean(left[:, known], axis=0)  # frames without a value count for none
+        self.predicted = spline_filter(mean, mode="nearest")
         self.u, self.v = (a[known] for a in np.meshgrid(recording.u, recording.v))
         length = problem.case["block.length"]
         self.about, self.corner = pivot(recording, length), corner(recording, length)
 
-    def lies(self, z: Array) -> tuple[Place, tuple[float, float]]:
+    def lies(self, z: Array) -> Lies:
         scale, turn = USUAL * z[2:]
         return Place(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1]))
 
@@ -83,8 +122,8 @@ class _Image:
         y = (self.v + shift[1] * pitch[1]) * grown - self.about[1]
         cos, sin = np.cos(place.turn), np.sin(place.turn)
         at = (self.about[1] + y * cos + x * sin, self.about[0] + x * cos - y * sin)
-        first = self.recording.v[0], self.recording.u[0]
-        pixels = [(a - b) / p for a, b, p in zip(at, first, pitch[::-1], strict=True)]
+        centres = self.recording.v, self.recording.u
+        pixels = [np.interp(a, c, np.arange(len(c))) for a, c in zip(at, centres, strict=True)]
         rise = map_coordinates(self.predicted, pixels, order=3, mode="nearest", prefilter=False)
         factor = np.clip(self.measured @ rise / max(float(rise @ rise), 1e-300), 1.0 / LIKELY, LIKELY)
         return np.asarray(self.measured - factor * rise)

@@ -50,15 +50,15 @@ def mirrored(recording: Recording, length: float) -> Recording:
 
 def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
-    suspects = list(_suspicious(problem, data, first))
+    suspects = list(suspicious(problem, data, first))
     others = [_other_way(problem, view) for _, view in suspects]
     tasks = [task for other in others for task in other.tasks(problem.start, everything(other))]
     found = []
     for (alone, view), other, made in zip(suspects, others, problem.run(tasks) if tasks else (), strict=True):
         if isinstance(made, FlashtempError):  # what cannot be predicted is not the other way round
             continue
-        [block] = _begun(other, data, [made])
-        turned = _alone(other, block, other.start)
+        [block] = begun(other, data, [made])
+        turned = judged(other, block, other.start)
         if turned.fits_better_than(alone):
             right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
             gain = turned.ln_evidence - alone.ln_evidence
@@ -80,14 +80,14 @@ def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
 
 
 @dataclass(frozen=True)
-class _Alone:
+class Alone:
     """One recording by itself against a model with all its freedom: what is left, chi2 per value less one."""
 
     block: Block
     ln_evidence: float
     excess: float
 
-    def fits_better_than(self, other: _Alone) -> bool:
+    def fits_better_than(self, other: Alone) -> bool:
         return self.excess < CLEARLY * other.excess and self.ln_evidence > other.ln_evidence + SURE
 
 
@@ -97,7 +97,7 @@ def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, st
     Raises SolverFailure.
     """
     predictions = problem.predictions(problem.tasks(fit.model, everything(problem)))
-    told = {b.label: _alone(problem, b, fit.model) for b in _begun(problem, data, predictions)}
+    told = {b.label: judged(problem, b, fit.model) for b in begun(problem, data, predictions)}
     for words, axes in WAYS.items():
         views = [
             replace(v, recording=replace(v.recording, temperature=np.flip(v.recording.temperature, axes)))
@@ -106,28 +106,28 @@ def other_ways(problem: Problem, data: Data, fit: Fit) -> Iterator[tuple[str, st
         ]
         flipped = with_views(problem, views)
         files = {v.file for v in views}
-        for block in _begun(flipped, data, predictions):
+        for block in begun(flipped, data, predictions):
             if block.label in files:
-                gain = _alone(problem, block, fit.model).ln_evidence - told[block.label].ln_evidence
+                gain = judged(problem, block, fit.model).ln_evidence - told[block.label].ln_evidence
                 yield block.label, words, gain
 
 
-def _begun(problem: Problem, data: Data, predictions: Sequence[Prediction]) -> list[Block]:
+def begun(problem: Problem, data: Data, predictions: Sequence[Prediction]) -> list[Block]:
     """Blocks of other images with the noise that is known: what of them is compared may differ."""
     return Data.begin(problem, predictions, noises=data.noises).blocks(predictions)
 
 
-def _alone(problem: Problem, block: Block, model: Model) -> _Alone:
+def judged(problem: Problem, block: Block, model: Model) -> Alone:
     solution = solved(problem, System([block]), model, {}).solution
-    return _Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
+    return Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
 
 
-def _suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[_Alone, View]]:
+def suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[Alone, View]]:
     """Recordings that no calibration explains, by themselves."""
     views = {v.file: v for v in problem.campaign.views if v.recording.places is None}
     for block in data.blocks(first):
         if block.label in views and not block.held_out:
-            alone = _alone(problem, block, problem.start)
+            alone = judged(problem, block, problem.start)
             if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
                 yield alone, views[block.label]
 

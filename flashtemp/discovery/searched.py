@@ -129,10 +129,7 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     if mirrored:
         problem = with_views(problem, [m.view for m in mirrored])
         first = problem.predictions(problem.tasks(problem.start, everything(problem)))
-    lined = lined_up(problem, first)
-    if lined.start != problem.start:
-        problem = lined
-        first = problem.predictions(problem.tasks(problem.start, everything(problem)))
+    problem, first = lined_up(problem, first)
     model = problem.start
     tasks = [task for c in COARSE for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
     answers, count = problem.predictions(tasks), len(problem.conditions)

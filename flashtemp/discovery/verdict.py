@@ -71,8 +71,8 @@ class Rival:
     """A candidate that was tried: `score` its ln Bayes factor, `amplitude` it would need (and `stderr`) in `unit`.
 
     `left`: ln Bayes factor that the accepted causes still have beside it; `detectable` the amplitude that
-    would have been seen at 5 sigma, `seen` how clear its typical one is, in sigma; `refitted`: scored by a full fit,
-    not by its trace alone.
+    would have been seen at 5 sigma, `seen` how clear its typical one is, in sigma; `refitted`: scored by a full fit
+    that came near its best point, not by its trace alone.
     """
 
     effect: str

@@ -9,6 +9,7 @@ import numpy as np
 
 from flashtemp.discovery.adequacy import PULL
 from flashtemp.discovery.fit import ENOUGH, Fit
+from flashtemp.discovery.laboratory import UNUSUAL
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
 from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
@@ -76,7 +77,8 @@ def says(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     lines = [*_first(v), *_what(v, known), *v.not_named, *_gain(v), *_laboratory(v), *_look(v)]
     rival = next((r for r in v.rivals if r.left is not None and r.score > WEAK), None)
     if v.kind == "named" and rival is not None:
-        lines.append(f"The best rival, {rival.effect}, leaves ln Bayes factor {rival.left:.0f}.")
+        about = "" if rival.refitted else "about "  # what falls far behind is not followed to its end
+        lines.append(f"The best rival, {rival.effect}, leaves ln Bayes factor {about}{rival.left:.0f}.")
     for name, before, after, error in v.shifts:
         if error and abs(after - before) > 2.0 * error:
             lines.append(
@@ -97,8 +99,10 @@ def _first(v: Verdict) -> list[str]:
 def _laboratory(v: Verdict) -> list[str]:
     """What calibration found of the laboratory, within what is usual or beyond."""
     usual, odd = "within what is usual, and allowed for", "far beyond what is usual: what is missing may ask for it"
+    more = "more than is usual, and allowed for"
     return [
-        f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): {odd if abs(f.pull) > PULL else usual}."
+        f"Calibration found that {f.words} (+- {_sized(f.stderr, f.unit)}): "
+        f"{odd if abs(f.pull) > PULL else more if abs(f.pull) > UNUSUAL else usual}."
         for f in v.laboratory[:MOST]
     ]
 
@@ -260,8 +264,8 @@ def _doubt(c: Cause) -> list[str]:
 def instead(c: Cause, gain: float) -> str:
     """Why a law was learned though the catalogue has a cause."""
     return (
-        f"The catalogue's {c.effect} would be nearly the same, but explains less (by a ln Bayes factor of {gain:.0f}), "
-        f"and conditions do not agree on its strength (by chance so with a probability of {c.consistent:.1g})."
+        f"The catalogue's best, {c.effect}, explains less (by a ln Bayes factor of {gain:.0f}), and conditions do not "
+        f"agree on its strength (by chance so with a probability of {c.consistent:.1g})."
     )
 
 

@@ -308,6 +308,14 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 
 
+def _third(search: Search, fit: Fit) -> float:
+    """ln Bayes factor of the likeliest further cause by its trace, also where the model errs as much as it may."""
+    best, problem = search.ranking[-1][0], search.problem
+    more = {p: (0.0, abs(a)) for p, a in best.traces.items() if p in fit.system.index}
+    beyond = fit.at_largest(problem, fit.effects | more) - fit.at_largest(problem, fit.effects)
+    return min(best.ln_bayes, beyond)
+
+
 def _unit(search: Search, key: str) -> str:
     return declaration(search.problem.case, key).unit
 
@@ -319,7 +327,7 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
     sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e)]
     scatter = max((-np.log10(max(s.consistent, 1e-99)) for s in sizes), default=0.0)
-    third = search.ranking[-1][0].ln_bayes if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
+    third = _third(search, fit) if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
     return {
         "a third cause (ln Bayes factor)": (third, NAMED),
         "amplitude differs between conditions (-log10 of its probability)": (scatter, adequacy.SCATTERED),

@@ -120,7 +120,7 @@ def _left_over(search: Search, ranked: Ranking) -> list[Score]:
 
 def _worth_it(search: Search, depth: int) -> Fit | None:
     """The best of the fits with more effects, if it is worth its parameters."""
-    extended = [f for f in search.extended if not depth or _agrees(search, f)]
+    extended = [f for f in search.extended if not depth or (_agrees(search, f) and _above(search, f))]
     if not extended:
         return None
     best = max(extended, key=lambda f: f.ln_evidence - NAMED * len(f.model.effects))
@@ -133,6 +133,13 @@ def _agrees(search: Search, fit: Fit) -> bool:
     new = fit.model.effects.keys() - search.best.model.effects.keys()
     found = [s for e in new for s in adequacy.sizes_per_condition(search.problem, fit, e)]
     return all(f.consistent > 10.0**-adequacy.SCATTERED for f in found)
+
+
+def _above(search: Search, fit: Fit) -> bool:
+    """Whether a further cause is more than what a smooth error of the model, as large as one may be, explains as well:
+    a fit with it may have found a point where the model errs less, and the cause be nothing."""
+    before, after = (f.at_largest(search.problem, f.effects) for f in (search.best, fit))
+    return after - before > NAMED
 
 
 def _companions(search: Search, first: Score, ranked: Ranking, watch: Watch) -> list[Descent]:

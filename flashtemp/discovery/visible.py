@@ -13,7 +13,7 @@ from flashtemp.discovery.floor import LARGEST, LEAST
 from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.searched import NAMED
+from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.whitening import Data
 
 UNTOLD = 0.1  # of the mesh's error as coarser meshes tell it, what calibrating it may leave
@@ -81,10 +81,12 @@ class Gain:
         return tuple(out)
 
     def allowed(self, kind: str) -> str:
-        """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is small."""
+        """The kind of verdict that is borne: `weak` where a cause is not seen, `none_needed` where a hint is small or
+        one that an error of the model would give as well."""
         if kind in ("named", "group") and not (self.visible and self.above and self.predicts):
             return "weak"
-        return "none_needed" if kind == "weak" and max(self.share, self.friction) < LARGEST else kind
+        small = max(self.share, self.friction) < LARGEST or self.beyond_floor < WEAK * self.causes
+        return "none_needed" if kind == "weak" and small else kind
 
 
 def gain(data: Data, base: Assessed, extended: Assessed) -> Gain:

@@ -128,7 +128,7 @@ def outcome(r: dict) -> str:
 
 
 def table(file: Path) -> None:
-    """Counts by kind, and of singles by z; coverage of the intervals of what was named rightly."""
+    """Counts by kind, and of singles by z; coverage of the intervals of what was named rightly; CPU by kind."""
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     print(f"{len(rows)} campaigns, {np.mean([r.get('cpu_s', 0) for r in rows]):.0f} s of CPU each")
     counts: dict[str, Counter[str]] = defaultdict(Counter)
@@ -151,6 +151,12 @@ def table(file: Path) -> None:
                     _, _, low, high = c["parameters"][name]
                     inside, total = inside + (low <= r["true"][r["hidden"]] <= high), total + 1
     print(f"95 % intervals hold the truth in {inside} of {total}")
+    for kind in KINDS:
+        spent = [r["cpu_s"] - r["made_s"] for r in rows if r["kind"] == kind and "cpu_s" in r]
+        if spent:
+            print(
+                f"CPU s of discovery, {kind}: {np.median(spent):.1f} in the median ({min(spent):.1f} to {max(spent):.1f})"
+            )
 
 
 if __name__ == "__main__":

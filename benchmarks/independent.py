@@ -154,9 +154,8 @@ def table(file: Path) -> None:
     for kind in KINDS:
         spent = [r["cpu_s"] - r["made_s"] for r in rows if r["kind"] == kind and "cpu_s" in r]
         if spent:
-            print(
-                f"CPU s of discovery, {kind}: {np.median(spent):.1f} in the median ({min(spent):.1f} to {max(spent):.1f})"
-            )
+            low, high = min(spent), max(spent)
+            print(f"CPU s of discovery, {kind}: {np.median(spent):.1f} in the median ({low:.1f} to {high:.1f})")
 
 
 if __name__ == "__main__":

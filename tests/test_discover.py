@@ -70,7 +70,7 @@ ONE = {
     "memory": Hidden(206, {"track_memory": {"strength": 0.3}}),
     "depth": Hidden(207, {"heat_depth": {"share": 0.13}}),
     "conductivity": Hidden(208, {"conductivity_slope": {"block": 0.008}}),
-    "capacity": Hidden(209, {"capacity_slope": {"block": 0.025}}),
+    "capacity": Hidden(209, {"capacity_slope": {"block": 0.018}}),
     "drift": Hidden(210, {"ambient_drift": {"rate": 0.01}}),
     "stream": Hidden(211, {"side_cooling": {"gain": 80.0}}),
     "debris": Hidden(212, {"third_body": {"growth": 1e-5}}),
@@ -577,12 +577,10 @@ def first_order(monkeypatch):
     exact = prediction.observe
 
     def sloped(run, scene, recording, acting=(), shift=(0.0, 0.0), change=0.0, *place):
+        place = (*place[:4], True)
         out = exact(run, scene, recording, acting, (0.0, 0.0), change, *place)
-        for axis in (0, 1):
-            if shift[axis]:
-                step = exact(run, scene, recording, acting, 1j * prediction.STEP * np.eye(2)[axis]).temperature.imag
-                out = replace(out, temperature=out.temperature + shift[axis] * step / prediction.STEP)
-        return out
+        moved = shift[0] * out.slopes["shift_u"] + shift[1] * out.slopes["shift_v"]
+        return replace(out, temperature=out.temperature + moved)
 
     monkeypatch.setattr(prediction, "observe", sloped)
 

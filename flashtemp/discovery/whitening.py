@@ -14,14 +14,16 @@ from flashtemp.comparison.compare import levels, scatter
 from flashtemp.comparison.noise import Noise, noise, unwhiten, whiten
 from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.linear_gaussian import Array, Block, products
-from flashtemp.discovery.nuisances import smooth_images
+from flashtemp.discovery.nuisances import GROUPS, smooth_images
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Prediction, Single, packed
 from flashtemp.discovery.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.solver.run import Run
 
 # small, or of unknown shape: their first traces serve all fits
 FIXED = (Kind.SCATTER, Kind.MODE, Kind.TREND)
+SURE = 3.0  # standard deviations of a clock within which a frame may be of another phase
 ANCHOR = "friction.mu"  # the free key that a condition may have a level of its own for
 
 
@@ -65,7 +67,8 @@ class Data:
                 own |= _mesh(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, View):
                     own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
-                    data.known[entry.file] = np.isfinite(_left(entry, seen)[:, seen.inside])
+                    known = np.isfinite(_left(entry, seen)[:, seen.inside])
+                    data.known[entry.file] = known & ~_starting(entry, fine.run)[:, None]
                     if entry.file not in data.noises:
                         data.noises[entry.file] = _noise(entry, seen)
                 else:
@@ -161,6 +164,17 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
 def _noise(view: View, seen: Observable) -> Noise:
     """The noise of a recording, stated or estimated."""
     return noise(_left(view, seen), *levels(view), view.means.frames if view.means else None)
+
+
+def _starting(view: View, run: Run) -> npt.NDArray[np.bool_]:
+    """Frames (frames,) of a wake so near to a start that its clock says whether there is a wake: no tangent tells."""
+    t = view.recording.time
+    begun = np.flatnonzero(np.diff(run.sliding.astype(int), prepend=0) > 0)
+    if view.recording.view != "wake" or not len(begun):
+        return np.zeros(len(t), bool)
+    starts = run.time[np.maximum(begun - 1, 0)]  # a wait is recorded to its end
+    near = (np.abs(t[:, None] - starts) < SURE * GROUPS[Kind.CLOCK]).any(axis=1)
+    return near if not near.all() else np.zeros(len(t), bool)
 
 
 def _left(view: View, seen: Observable) -> Array:

@@ -31,6 +31,7 @@ from flashtemp.solver.turning import pass_on, renew
 
 FIRST, MOST = 0.03, 0.1  # first and longest step, in roots of the share of a stretch
 CLOSE = 0.2  # change by the correction over the change in the stretch, from which the next step follows
+CLOSELY, SOON = 0.03, 4.0  # the same as long as what slid first may be seen, and for how many windows of sliding it may
 GROWTH = 2.0  # BDF2 is stable up to 2.4
 TINY = 1e-7  # K: a change that need not be followed
 
@@ -251,7 +252,7 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
     begin, size = S, np.array([0.05 * one.largest(s) for one, s in zip(live, S, strict=True)])
     size = np.maximum(size, [TINY / abs(one.of.step) for one in live])
     old, before = S, 0.0
-    span = phase.end - phase.begin
+    span, soon = phase.end - phase.begin, _soon(phase, level, times)
     u, h, times = 0.0, FIRST, list(times)
     if times and times[0][0] <= phase.begin:
         _record(path, level, live, times.pop(0), S)
@@ -273,8 +274,17 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
         size = np.maximum(size, [one.largest(s) for one, s in zip(live, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        h = min(h * float(np.clip(np.sqrt(CLOSE / max(error, 1e-12)), 0.5, GROWTH)), longest)
+        close = CLOSELY if t < soon else CLOSE
+        h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, GROWTH)), longest)
     return S
+
+
+def _soon(phase, level: _During, times) -> float:
+    """The last of the `times` (s) asked for with all cells at which the front of the road that was met first is in the
+    window, or smeared by long steps; before it all is followed closely."""
+    window = float(level.system.b.scene.mesh.x[-1])
+    seen = (t for t, frame in times if frame and level.system.moment(t).slid < SOON * window)
+    return max(seen, default=phase.begin) if phase.sliding else phase.begin
 
 
 def _step(y, t: float, pace: float, steps: tuple[float, float], last, level: _During, live: list[_During]):

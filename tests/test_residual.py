@@ -9,6 +9,7 @@ import pytest
 
 from flashtemp.comparison.means import Means
 from flashtemp.comparison.noise import Noise, lag_one, noise, structured, unwhiten, whiten
+from flashtemp.discovery import whitening
 from flashtemp.discovery.condensing import groups
 
 SHAPE = (12, 30, 80)
@@ -121,3 +122,19 @@ def test_nothing_to_compare_is_no_structure():
     empty = np.full(SHAPE, np.nan)
     assert structured(empty, Noise(0.05, 0.0), None) is None
     assert lag_one(empty, 0) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("view", "times", "left_out"),
+    [
+        ("wake", (1.4, 4.0, 11.95, 12.0, 12.05, 12.07), (11.95, 12.0, 12.05)),
+        ("wake", (0.0, 0.05, 0.07), (0.0, 0.05)),
+        ("wake", (12.0,), ()),  # all that there is
+        ("sidewall", (1.4, 12.0), ()),  # a wall has no front
+    ],
+)
+def test_frames_of_a_wake_that_a_clock_cannot_tell_from_its_start_are_left_out(view, times, left_out):
+    time = np.array([0.0, 2.0, 4.0, 8.0, 12.0, 12.3, 16.0])
+    run = SimpleNamespace(time=time, sliding=np.array([1, 1, 1, 0, 0, 1, 1], bool))
+    seen = SimpleNamespace(recording=SimpleNamespace(view=view, time=np.array(times)))
+    assert tuple(np.array(times)[whitening._starting(seen, run)]) == left_out

@@ -274,17 +274,17 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
         size = np.maximum(size, [one.largest(s) for one, s in zip(live, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        close = CLOSELY if t < soon else CLOSE
+        close = CLOSELY if level.system.moment(t).slid < soon else CLOSE
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, GROWTH)), longest)
     return S
 
 
 def _soon(phase, level: _During, times) -> float:
-    """The last of the `times` (s) asked for with all cells at which the front of the road that was met first is in the
-    window, or smeared by long steps; before it all is followed closely."""
-    window = float(level.system.b.scene.mesh.x[-1])
-    seen = (t for t, frame in times if frame and level.system.moment(t).slid < SOON * window)
-    return max(seen, default=phase.begin) if phase.sliding else phase.begin
+    """How far (m) the block slides while the front of the road that it met first is in the window, or smeared by long
+    steps, where one of the `times` asked for with all cells falls in; else 0."""
+    reach = SOON * float(level.system.b.scene.mesh.x[-1])
+    seen = phase.sliding and any(frame and level.system.moment(t).slid < reach for t, frame in times)
+    return reach if seen else 0.0
 
 
 def _step(y, t: float, pace: float, steps: tuple[float, float], last, level: _During, live: list[_During]):

@@ -19,9 +19,10 @@ from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.between import States, between
 from flashtemp.solver.circular_track import COLUMNS, inflow, leave, remembers, track_of
 from flashtemp.solver.conjugate_residuals import solve
-from flashtemp.solver.march import Path, march
+from flashtemp.solver.march import march
 from flashtemp.solver.progress import Progress
 from flashtemp.solver.recorder import finish, record
 from flashtemp.solver.run import Run
@@ -226,7 +227,9 @@ class Neighbours:
                 kept: dict[str, Any] = {k: list(getattr(level.now.track, k)) for k in COLUMNS}
                 one.now.track = replace(one.now.track, **kept)
         S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
-        S = _integrate(phase, _Path(path), level.during(phase, leg), [one.during(phase, leg) for one in live], S, times)
+        S = _integrate(
+            phase, States(path), level.during(phase, leg), [one.during(phase, leg) for one in live], S, times
+        )
         for k, one in enumerate(live):
             one.s = S[k]
         for one in idle:  # what the run recorded holds for them too
@@ -241,7 +244,7 @@ class Neighbours:
         return [(t, t in self.asked or t == 0.0) for t in own if t in self.asked or t in kept]
 
 
-def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times) -> np.ndarray:
+def _integrate(phase, path: States, level: _During, live: list[_During], S, times) -> np.ndarray:
     """Differences (k, cells, worn depth, ledger) of live neighbours at the end of a stretch; S those at its start.
 
     Steps are taken in u, with t = begin + span u^2: heat that begins to flow goes as sqrt(t), and BDF2 is exact for
@@ -264,7 +267,7 @@ def _integrate(phase, path: _Path, level: _During, live: list[_During], S, times
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
             reached = float(np.sqrt((at[0] - phase.begin) / span))
-            _record(path, level, live, at, _between(reached, (u - before, u, new), (old, S, after)))
+            _record(path, level, live, at, between(reached, (u - before, u, new), (old, S, after)))
         old, S, before, u = S, after, h, new
         if phase.sliding:
             y = path(t)
@@ -309,33 +312,12 @@ def _step(y, t: float, pace: float, steps: tuple[float, float], last, level: _Du
     return guess + change, change
 
 
-def _record(path: _Path, level: _During, live: list[_During], at, S) -> None:
+def _record(path: States, level: _During, live: list[_During], at, S) -> None:
     t, frame = at
     y = path(t)
     level.record(t, y, level.of.s, frame)
     for one, s in zip(live, S, strict=True):
         one.record(t, y, s, frame)
-
-
-class _Path:
-    """States of the run at any time of a stretch, linear between its steps."""
-
-    def __init__(self, path: Path):
-        self.t, self.y = np.array([t for t, _ in path]), [y for _, y in path]
-
-    def __call__(self, t: float) -> np.ndarray:
-        k = int(np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1))
-        w = (t - self.t[k - 1]) / (self.t[k] - self.t[k - 1])
-        return (1.0 - w) * self.y[k - 1] + w * self.y[k]
-
-
-def _between(u: float, at, S) -> np.ndarray:
-    """The parabola through three steps, or the line through two."""
-    (a, b, c), (A, B, C) = at, S
-    if a == b:
-        return B + (u - b) / (c - b) * (C - B)
-    first, second = (B - A) / (b - a), (C - B) / (c - b)
-    return B + (u - b) * (second + (u - c) * (second - first) / (c - a))
 
 
 def _copy(source: Progress, target: Progress, phase) -> None:

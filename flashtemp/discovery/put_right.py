@@ -11,7 +11,7 @@ from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, scored
 from flashtemp.discovery.hypothesis import prior
-from flashtemp.discovery.laboratory import LabError, errors
+from flashtemp.discovery.laboratory import FOUND, LabError, errors
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.rounds import Watch, descend
 from flashtemp.discovery.scores import scores
@@ -74,6 +74,10 @@ def doubt(search: Search, keys: tuple[str, ...], found: Fit | None, watch: Watch
     p, gain = ParameterId.of_key(best.key), end.fit.ln_evidence - search.base.ln_evidence
     value = best.told * float(np.exp(end.fit.model.free[best.key] + end.fit.solution[p]))
     sure = replace(best, value=value, stderr=value * end.fit.solution.sd(p), ln_bayes=gain, fit=end.fit)
+    if abs(value - best.told) < FOUND * sure.stderr:  # freed it comes to nothing: another point was found
+        return search
     search = replace(search, keys=(sure, *told[1:]))
-    effect = found.ln_evidence - search.base.ln_evidence + APART if found is not None else NAMED
+    effect = NAMED
+    if found is not None:  # of two effects each has its price: one number is less than both
+        effect = found.ln_evidence - search.base.ln_evidence - NAMED * (len(found.model.effects) - 1) + APART
     return replace(search, held_key=sure) if gain > max(NAMED, effect) else search

@@ -277,7 +277,7 @@ def _integrate(phase, path: States, level: _During, live: list[_During], S, time
         size = np.maximum(size, [one.largest(s) for one, s in zip(live, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        close = CLOSELY if level.system.moment(t).slid < soon else CLOSE
+        close = CLOSELY if soon and level.system.moment(t).slid < soon else CLOSE
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, GROWTH)), longest)
     return S
 

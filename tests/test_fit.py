@@ -16,6 +16,7 @@ from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import residual
+from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
@@ -325,6 +326,42 @@ def test_a_full_fit_begins_where_runs_leave_least_and_ends_at_the_truth(peaked):
     assert end.fit.usable
     p = ParameterId.of_effect(c.effect, "B")
     assert abs(end.fit.model.value(p) + end.fit.solution[p] - truth["B"]) < 4.0 * end.fit.solution.sd(p)
+
+
+def standing(made, model, effects=(), traces=1.0):
+    """A first look at a point; its own evidence, and what all may explain that its traces show.  The traces of effects
+    are taken `traces` times."""
+    descent = Descent(made.problem, made.data, model, effects, everything(made.problem))
+    seen = []
+    for s in made.problem.predictions(descent.tasks()):
+        columns = {
+            k: {p: (traces if p.effect else 1.0) * v for p, v in o.columns.items()} for k, o in s.observables.items()
+        }
+        seen.append(replace(s, observables={k: replace(o, columns=columns[k]) for k, o in s.observables.items()}))
+    found = descent.take(seen)
+    return found.best.ln_evidence, found.fit.ln_evidence
+
+
+def test_a_point_does_not_count_for_a_turn_that_its_image_still_needs(two):
+    """Turned by a third of a degree a side wall is explained by the column of the turn as if it were not; that column
+    is no better than its tangent, and steps along it would lose what it had promised."""
+    best, file = two.base.model, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
+    place = best.place(file)
+    turned = replace(best, places=best.places | {file: replace(place, turn=place.turn + 0.006)})
+    (here, all_here), (there, all_there) = (standing(two, m) for m in (best, turned))
+    assert all_there > all_here - 1.0
+    assert there < here - 5.0
+
+
+def test_the_evidence_of_a_point_does_not_depend_on_traces_of_what_moves(peaked):
+    """Not even by how large deviations of unknown shape are where they lead: one of 1 % of its size changed it by 200
+    to 230."""
+    c = candidate(peaked, "edge_pressure")
+    for values in ({"B": 1.3, "length": 0.00125}, {"B": 1.5, "length": 0.004}):
+        model = peaked.problem.start.with_effect(c.effect, values)
+        found = [standing(peaked, model, (c,), traces) for traces in (1.0, 0.01)]
+        assert found[0][0] == pytest.approx(found[1][0], abs=1e-3)
+        assert abs(found[0][1] - found[1][1]) > 10.0  # the end to which they lead does
 
 
 @pytest.mark.long

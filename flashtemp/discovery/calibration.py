@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -126,7 +126,7 @@ class Descent:
         """The next state from the columns at the present point."""
         found, bound = self._within_bounds(system)
         steps = self._steps(found.solution, found.priors)
-        value, chi2 = _standing(system, found.priors, [p for p in steps if p.kind not in FAINT])  # these stay columns
+        value, chi2 = self._standing(system, found.priors, steps)
         last = self._comparable
         if last is not None and value < last.ln_evidence - WORSE:
             if not last.own:
@@ -153,6 +153,19 @@ class Descent:
             back=0, tried=self.tried + 1, bent=not stays, parent=lent, gained=gained if last is not None else 0.0,
         )  # fmt: skip
         return now if now.done else now._onward(fit)
+
+    def _standing(self, system: System, priors: Priors, steps: Collection[ParameterId]) -> tuple[float, float]:
+        """ln evidence at the point itself, and chi2 before `steps` are taken: what moves stands still, the rest free.
+
+        For evidence errors of the laboratory reach no farther than they are linear, else a point counts for far ones;
+        and deviations are as large as they are likeliest here, not at the end of the steps.
+        """
+        near = {p: (0.0, min(sd, FAINT[p.kind])) for p, (_, sd) in priors.items() if p.kind in FAINT}
+        still = {p: (0.0, TIGHT * priors[p][1]) for p in steps}
+        own = {p: priors[p] for p in self.priors.keys() & priors.keys()}
+        here = solved(self.problem, system, self.model, own | still | near).solution
+        before = system.solve(priors | still).chi2
+        return here.ln_evidence - 0.5 * _pulls(priors, still | near), before + _pulls(priors, still)
 
     @property
     def _comparable(self) -> Reached | None:
@@ -304,9 +317,6 @@ def _longest(sizes: dict[ParameterId, float], lightly: tuple[Kind, ...]) -> floa
     return float(max((size * (SHIFTED if p.kind in lightly else 1.0) for p, size in sizes.items()), default=0.0))
 
 
-def _standing(system: System, priors: Priors, moving: list[ParameterId]) -> tuple[float, float]:
-    """ln evidence and chi2 at the point itself: what moves stands still, the rest is free."""
-    still = {p: ((0.0, TIGHT * sd) if p in moving else (mean, sd)) for p, (mean, sd) in priors.items()}
-    pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in moving)
-    solution = system.solve(still)
-    return solution.ln_evidence - 0.5 * pulls, solution.chi2 + pulls
+def _pulls(priors: Priors, still: Collection[ParameterId]) -> float:
+    """chi2 of the priors of what stands still."""
+    return sum((priors[p][0] / priors[p][1]) ** 2 for p in still)

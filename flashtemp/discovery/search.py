@@ -31,6 +31,7 @@ from flashtemp.discovery.starts import by_runs, dragged, inside, typical
 
 MOST = 2  # causes; where a third is asked for, it is rather one that the catalogue lacks
 SHORT = 3  # candidates refitted
+NEAR = 20.0  # ln Bayes factor behind the best, up to which one is refitted too: traces bend by as much
 TOGETHER = 6  # pairs tried at a time: each holds its images
 
 
@@ -90,7 +91,7 @@ def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
     """Full fits of the shortlist from the present best, and of pairs where no effect alone will do."""
     least = max(WEAK, adequacy.WORTH * search.best.misfit) if depth else WEAK - 2.0
     good = [s for s in ranked if s.ln_bayes > least][:SHORT]
-    good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - 10.0]
+    good = [s for s in good if s.ln_bayes > SIMILAR * good[0].ln_bayes or s.ln_bayes > good[0].ln_bayes - NEAR]
     search = _fit(search, [(s,) for s in good], watch)
     if depth:
         return search

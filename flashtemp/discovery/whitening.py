@@ -169,7 +169,8 @@ def _noise(view: View, seen: Observable) -> Noise:
 def _starting(view: View, run: Run) -> npt.NDArray[np.bool_]:
     """Frames (frames,) of a wake so near to a start that its clock says whether there is a wake: no tangent tells."""
     t = view.recording.time
-    begun = np.flatnonzero(np.diff(run.sliding.astype(int), prepend=0) > 0)
+    fresh = np.diff(run.sliding.astype(int), prepend=0) > 0
+    begun = np.flatnonzero(fresh | (run.sliding & (np.diff(run.repetition, prepend=0) > 0)))  # or without a wait
     if view.recording.view != "wake" or not len(begun):
         return np.zeros(len(t), bool)
     starts = run.time[np.maximum(begun - 1, 0)]  # a wait is recorded to its end

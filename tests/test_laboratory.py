@@ -15,14 +15,14 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.discovery import discover, laboratory, prediction, searched
+from flashtemp.discovery import discover, laboratory, orientation, prediction, searched
 from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.orientation import mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import Problem, _misfit, prepare
+from flashtemp.discovery.problem import Problem, misfit, prepare
 from flashtemp.discovery.searched import Search, calibrate
 from flashtemp.model.case import load
 from flashtemp.runs.workers import crew
@@ -116,6 +116,19 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
     assert abs(scale - (1.0 / 1.008 - 1.0)) < 4.0 * base.solution.sd(p)
     assert base.solution.sd(p) < 3e-3  # the data know it
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
+
+
+def test_an_image_that_is_no_nearer_with_its_ends_exchanged_is_not_run_so(tiny, monkeypatch):
+    """Stripes misfit whatever the pressure, but no more one way than the other."""
+
+    def run(problem, view):
+        raise AssertionError("a run was asked for")
+
+    monkeypatch.setattr(orientation, "_other_way", run)
+    told = altered(tiny, lambda r: replace(r, temperature=r.temperature + np.sin(2e3 * r.u)))
+    assert calibrated(told).mirrored == ()
+    with pytest.raises(AssertionError, match="a run"):
+        calibrated(altered(tiny, lambda r: mirrored(r, 0.025)))
 
 
 def test_a_block_much_longer_than_told_is_found(tmp_path):
@@ -286,8 +299,8 @@ def test_a_rise_counts_as_known_within_what_friction_may_make_of_it(factor, left
     seen = factor * rise
     seen[0, 0, 0] = np.nan
     rms = np.sqrt(np.mean(rise[np.isfinite(seen)] ** 2))
-    assert _misfit(seen, rise, inside) == pytest.approx(abs(left) * rms, abs=1e-12)
-    assert _misfit(seen, rise, ~inside) == np.inf
+    assert misfit(seen, rise, inside) == pytest.approx(abs(left) * rms, abs=1e-12)
+    assert misfit(seen, rise, ~inside) == np.inf
 
 
 # --- what is not judged is not called needless ----------------------------------------------------------------

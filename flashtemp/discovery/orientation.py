@@ -17,8 +17,8 @@ from flashtemp.discovery.fit import MISFIT, Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.prediction import Prediction
-from flashtemp.discovery.problem import CLEARLY, Problem
+from flashtemp.discovery.prediction import Observable, Prediction
+from flashtemp.discovery.problem import CLEARLY, Problem, misfit
 from flashtemp.discovery.scales import solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
@@ -50,7 +50,9 @@ def mirrored(recording: Recording, length: float) -> Recording:
 
 def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
-    suspects = list(suspicious(problem, data, first))
+    shown = {file: o for made in first for file, o in made.observables.items()}
+    odd = suspicious(problem, data, first)
+    suspects = [(alone, view) for alone, view in odd if _nearer_so(problem, view, shown[view.file])]
     others = [_other_way(problem, view) for _, view in suspects]
     tasks = [task for other in others for task in other.tasks(problem.start, everything(other))]
     found = []
@@ -130,6 +132,20 @@ def suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Ite
             alone = judged(problem, block, problem.start)
             if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
                 yield alone, views[block.label]
+
+
+def _nearer_so(problem: Problem, view: View, seen: Observable) -> bool:
+    """Whether a recording, as much warmer as friction may make it, is nearer to the picture predicted with its ends
+    exchanged: where not, no run need tell how it looks so."""
+    from scipy.interpolate import interp1d
+
+    told, still = view.recording, problem.case["ambient.temperature"]
+    if len(told.u) < 2:
+        return False
+    turned, rise = mirrored(told, problem.case["block.length"]), seen.values - still
+    there = interp1d(told.u, np.where(seen.inside, rise, np.nan), bounds_error=False)(turned.u)
+    as_told = misfit(told.temperature - still, rise, seen.inside)
+    return misfit(turned.temperature - still, there, np.isfinite(there)) < as_told
 
 
 def _other_way(problem: Problem, view: View) -> Problem:

@@ -149,13 +149,13 @@ def strangers(problem: Problem, predictions: Sequence[Prediction]) -> dict[str, 
                 continue
             seen, T = prediction.observables[view.file], view.recording.temperature
             still = problem.case["ambient.temperature"]
-            own = _misfit(T - still, seen.values - still, seen.inside)
+            own = misfit(T - still, seen.values - still, seen.inside)
             if not own > SEEN:
                 continue
             ways = {}
             if view.recording.view == "sidewall":
                 for words, turned in (("upside down", T[:, ::-1]), ("turned by 180 degrees", T[:, ::-1, ::-1])):
-                    ways[f"is {words}"] = _misfit(turned - still, seen.values - still, seen.inside)
+                    ways[f"is {words}"] = misfit(turned - still, seen.values - still, seen.inside)
             ways |= _elsewhere(problem, predictions, number, view)
             best = min(ways, key=ways.__getitem__, default=None)
             if best is not None and ways[best] < CLEARLY * own:
@@ -171,7 +171,7 @@ def _elsewhere(problem: Problem, predictions: Sequence[Prediction], number: int,
         for like in condition.views if other != number else ():
             theirs = predictions[other].observables[like.file]
             if like.recording.view == view.recording.view and theirs.values.shape == T.shape:
-                out[f"belongs to condition {other + 1}"] = _misfit(
+                out[f"belongs to condition {other + 1}"] = misfit(
                     T - still, theirs.values - still, inside & theirs.inside
                 )
     return out
@@ -190,7 +190,7 @@ def _copies(problem: Problem) -> dict[str, str]:
     return out
 
 
-def _misfit(measured: npt.NDArray[Any], predicted: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> float:
+def misfit(measured: npt.NDArray[Any], predicted: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> float:
     """What a predicted rise leaves of a measured one, as much larger or smaller as friction may make it (rms, K)."""
     known = inside & np.isfinite(measured)
     if not known.any():

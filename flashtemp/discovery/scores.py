@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from flashtemp.discovery.problem import Problem
 
 NOTHING = 1e-3  # z of a signature of typical strength below which an effect does nothing here
 SEEN = 1.0  # z of a typical strength below which an effect is no partner of another
+UNLIKELY = 0.0  # ln Bayes factor by a trace from elsewhere, below which none is taken anew
 SLACK = 1e-12  # beyond a bound that is rounding
 
 
@@ -48,7 +49,7 @@ class Score:
     @property
     def traces(self) -> dict[ParameterId, float]:
         """Columns in the best variant, with their typical strengths."""
-        return dict(zip(self.candidate.columns(self.variant), self.candidate.strengths.values(), strict=True))
+        return _traces(self.candidate, self.variant)
 
     @property
     def values(self) -> dict[str, float]:
@@ -87,6 +88,28 @@ def scores(problem: Problem, fit: Fit, tried: Sequence[Candidate]) -> tuple[Scor
             found = [_score(base, c, v) for v in range(len(c.variants))]
             out.append(max(found, key=lambda s: s.ln_bayes))
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
+
+
+def likely(problem: Problem, before: Fit, found: Fit, tried: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates whose traces at the fit `before` may explain any of what is left where effects were `found`: those
+    effects bend them, but from less than nothing they make no cause."""
+    shown = before.system.shown({b.label: b.r for b in found.blocks})
+    at, equations = replace(before, model=found.model, system=shown), shown.total()
+
+    def solved(traces: dict[ParameterId, float]) -> float:
+        more = {p: (0.0, abs(a)) for p, a in traces.items() if p in shown.index}
+        return at.solved(problem, more, equations).solution.ln_evidence
+
+    own = {p: a for c in tried if c.effect in found.model.effects for p, a in _traces(c, 0).items()}
+    alone = solved(own)
+    others = [c for c in tried if c.effect not in found.model.effects]
+    gains = {c.effect: max(solved(own | _traces(c, v)) for v in range(len(c.variants))) - alone for c in others}
+    return tuple(c for c in others if gains[c.effect] > UNLIKELY)
+
+
+def _traces(c: Candidate, variant: int) -> dict[ParameterId, float]:
+    """Columns of a candidate, with its typical strengths."""
+    return dict(zip(c.columns(variant), c.strengths.values(), strict=True))
 
 
 def _score(base: Base, c: Candidate, variant: int) -> Score:

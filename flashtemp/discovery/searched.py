@@ -209,14 +209,14 @@ def _strained(fit: Fit) -> bool:
 
 
 def traced(
-    problem: Problem, data: Data, fit: Fit, watch: Watch, keys: tuple[ParameterId, ...] = ()
+    problem: Problem, data: Data, fit: Fit, watch: Watch, keys: tuple[ParameterId, ...] = (),
+    among: Sequence[Candidate] | None = None,
 ) -> Fit:  # fmt: skip
-    """A fit as near to its best point as it was, with the traces of all candidates, and of `keys` that are held.
-
-    Raises BadInput, SolverFailure.
+    """A fit as near to its best point as it was, with the traces of all candidates (or `among` some) that it does not
+    hold, and of `keys` that are held.  Raises BadInput, SolverFailure.
     """
     watch("traces of the candidate effects")
-    others = tuple(c for c in problem.tried if c.effect not in fit.model.effects)
+    others = tuple(c for c in (problem.tried if among is None else among) if c.effect not in fit.model.effects)
     descent = Descent(
         problem, data, fit.model, tuple(held(problem, fit.model)), Derivatives(candidates=others, held=keys)
     )

@@ -21,7 +21,7 @@ from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import FAR, _far, _lost, advance, descend
-from flashtemp.discovery.scores import scores
+from flashtemp.discovery.scores import likely, scores
 from flashtemp.discovery.searched import calibrate, traced
 from flashtemp.discovery.starts import _options, by_runs, dragged, typical
 from flashtemp.model.case import load
@@ -364,9 +364,30 @@ def test_the_evidence_of_a_point_does_not_depend_on_traces_of_what_moves(peaked)
         assert abs(found[0][1] - found[1][1]) > 10.0  # the end to which they lead does
 
 
+def test_only_candidates_that_may_explain_what_is_left_are_traced_anew(peaked):
+    """None of the others would be told by its own trace; one that is there at 6 standard deviations is kept."""
+    problem, data, truth = peaked.problem, peaked.data, peaked.truth["hidden"]["edge_pressure"]
+    c = candidate(peaked, "edge_pressure")
+    base = traced(problem, data, peaked.base, lambda text: None)
+    [end] = descend(problem, [Descent(problem, data, problem.start.with_effect(c.effect, truth), (c,))])
+    kept = likely(problem, base, end.fit, problem.tried)
+    assert c not in kept
+    assert len(kept) < 0.5 * len(problem.tried)
+    best = traced(problem, data, end.fit, lambda text: None)
+    own = {s.effect: s for s in scores(problem, best, problem.tried) if s.candidate not in kept}
+    assert all(s.ln_bayes < 5.0 for s in own.values())
+
+    hidden = max(own.values(), key=lambda s: s.seen)
+    p, a = hidden.candidate.column(hidden.candidate.first[0]), hidden.candidate.first[1]
+    size = 6.0 * abs(a) / hidden.seen
+    seen = {b.label: b.r + sum(size * b.C[:, k] for n, k in b.names if n == p) for b in best.blocks}
+    found = replace(end.fit, system=end.fit.system.shown(seen))
+    assert hidden.candidate in likely(problem, base, found, problem.tried)
+
+
 @pytest.mark.long
 def test_several_descents_share_their_rounds(two):
-    """Side by side they take the steps that each takes alone; one that is far behind goes no further."""
+    """Side by side they take the steps that each takes alone; one that is far behind one that ended goes no further."""
     best = two.base
     rounds = []
     pair = [Descent(two.problem, two.data, replace(best.model, free=dict(m))) for m in (best.model.free, AWAY)]
@@ -374,7 +395,7 @@ def test_several_descents_share_their_rounds(two):
     assert pair[0].fit.converged
     assert len(pair[0].history) == 1  # it stands where it should
     assert pair[1].failed == FAR
-    assert len(pair[1].history) == len(rounds) == 2
+    assert len(pair[1].history) == len(rounds) == 1
 
 
 # --- effects -----------------------------------------------------------------------------------------

@@ -120,6 +120,25 @@ def test_a_law_on_which_speeds_do_not_agree_is_learned(benchmark):
 
 
 @pytest.mark.long
+def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
+    """Deviations of unknown shape take most of it, a turned image some: fits that compared points by where traces lead
+    went on for ever."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2), (1e5, 0.3)))
+    laboratory.campaign(tmp_path, {"pressure_tilt": 0.45}, 11, test=test, views=("sidewall", "wake"))
+    names = tuple(n for n in benchmark.FEW if n not in ("pressure_tilt", "edge_pressure"))
+    verdict, _ = discover.discover(replace(campaign.load(tmp_path), candidates=names), workers=1)
+    assert verdict.kind == "learned", verdict.says
+    assert (verdict.law.quantity, verdict.law.argument) == ("pressure", "place"), verdict.says
+    truth = 1.45 - 0.9 * np.asarray(verdict.law.at) / 0.025
+    assert np.all((verdict.law.low < truth + 0.03) & (truth - 0.03 < verdict.law.high)), verdict.says
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", OTHERS)
 def test_nothing_is_named_that_is_not_there(benchmark, seed):
     found = benchmark.one(seed, small=True)

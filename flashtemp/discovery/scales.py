@@ -30,12 +30,7 @@ def solved(
     """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
     equations, plain = equations or system.total(), nuisances(problem, system.names, model)
 
-    def best(ways: list[tuple[float, float]]) -> tuple[tuple[float, float], Priors]:
-        """Which scale and floor of these, and the priors with it."""
-        priors = [rescaled(plain, *way) | more for way in ways]
-        k = system.likeliest(priors, equations)
-        return ways[k], priors[k]
-
-    (scale, _), _ = best([(scale, SIZES[-1]) for scale in SCALES])
-    (_, floor), priors = best([(scale, size) for size in reversed(SIZES)])
-    return Scaled(system.solve(priors, equations), priors, scale, floor)
+    ways = [(scale, floor) for floor in reversed(SIZES) for scale in SCALES]
+    priors = [rescaled(plain, *way) | more for way in ways]
+    k = system.likeliest(priors, equations)
+    return Scaled(system.solve(priors[k], equations), priors[k], *ways[k])

@@ -70,7 +70,7 @@ ONE = {
     "memory": Hidden(206, {"track_memory": {"strength": 0.3}}),
     "depth": Hidden(207, {"heat_depth": {"share": 0.13}}),
     "conductivity": Hidden(208, {"conductivity_slope": {"block": 0.008}}),
-    "capacity": Hidden(209, {"capacity_slope": {"block": 0.018}}),
+    "capacity": Hidden(509, {"capacity_slope": {"block": 0.0195}}),
     "drift": Hidden(210, {"ambient_drift": {"rate": 0.01}}),
     "stream": Hidden(211, {"side_cooling": {"gain": 80.0}}),
     "debris": Hidden(212, {"third_body": {"growth": 1e-5}}),

@@ -14,13 +14,15 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
+from flashtemp.discovery.floor import LARGEST, LEAST
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import residual
-from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.nuisances import MODE, everything
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import FAR, _far, _lost, advance, descend
+from flashtemp.discovery.scales import solved
 from flashtemp.discovery.scores import likely, scores
 from flashtemp.discovery.searched import calibrate, traced
 from flashtemp.discovery.starts import _options, by_runs, dragged, typical
@@ -383,6 +385,26 @@ def test_only_candidates_that_may_explain_what_is_left_are_traced_anew(peaked):
     seen = {b.label: b.r + sum(size * b.C[:, k] for n, k in b.names if n == p) for b in best.blocks}
     found = replace(end.fit, system=end.fit.system.shown(seen))
     assert hidden.candidate in likely(problem, base, found, problem.tried)
+
+
+def test_scale_and_floor_are_chosen_together(two):
+    """As a null had it: with the larger floor a smaller scale is likelier by a trifle, with the smaller floor another
+    one by 13."""
+    told = {(0.3, LEAST): 0.0, (1.0, LEAST): 13.0, (0.3, LARGEST): -1.8, (1.0, LARGEST): -2.0}
+    mode, floor = ParameterId(Kind.MODE, (1,)), ParameterId(Kind.FLOOR, (0,), file="condition1_sidewall.nc")
+
+    class Told:
+        names = (mode, floor)
+
+        def likeliest(self, several, equations):
+            return int(np.argmax([told.get((round(p[mode][1] / MODE, 6), p[floor][1]), -99.0) for p in several]))
+
+        def solve(self, priors, equations):
+            return priors
+
+    found = solved(two.problem, Told(), two.base.model, {}, object())
+    assert (found.scale, found.floor) == (1.0, LEAST)
+    assert found.solution[mode][1] == pytest.approx(MODE)
 
 
 @pytest.mark.long

@@ -7,14 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.discovery.floor import LARGEST
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import nuisances, rescaled
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction import Prediction
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.scales import Scaled, solved
+from flashtemp.discovery.scales import Scaled, solved, solved_at_largest
 
 ENOUGH = 0.01  # largest last step over its prior standard deviation
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
@@ -122,8 +120,7 @@ class Fit:
 
     def at_largest(self, problem: Problem, more: Priors) -> float:
         """ln evidence with these priors where the model's own error may be as large as it ever is."""
-        plain = rescaled(nuisances(problem, self.system.names, self.model), self.scale, LARGEST)
-        return self.system.solve(plain | more).ln_evidence
+        return solved_at_largest(problem, self.system, self.model, more).solution.ln_evidence
 
 
 @dataclass(frozen=True)

@@ -407,6 +407,25 @@ def test_scale_and_floor_are_chosen_together(two):
     assert found.solution[mode][1] == pytest.approx(MODE)
 
 
+def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(two):
+    """The sum of both errors alone is seen: standing where it is, the cheapest split counts."""
+    walls = [v for v in two.problem.campaign.views if v.recording.view == "sidewall"]
+    own = [ParameterId(Kind.CLOCK, file=v.file) for v in walls]
+    view, other = ParameterId(Kind.CLOCK, name="sidewall"), ParameterId.of_key("friction.mu")
+    priors = dict.fromkeys(own, (0.15, 0.02)) | {view: (0.0, 0.2), other: (0.3, 0.1)}
+    split = Descent(two.problem, two.data, two.base.model)._of_views(priors)
+    assert len(own) == 2
+    assert split[other] == priors[other]
+    assert all(split[p][0] + split[view][0] == pytest.approx(0.15) for p in own)
+
+    def cost(common):  # of all files at once, that of the view taking the rest
+        return sum(((0.15 + common) / 0.02) ** 2 for _ in own) + (common / 0.2) ** 2
+
+    paid = sum((split[p][0] / split[p][1]) ** 2 for p in (*own, view))
+    assert paid == pytest.approx(min(cost(c) for c in np.linspace(-0.2, 0.0, 20001)), rel=1e-6)
+    assert paid < 0.01 * cost(0.0)
+
+
 @pytest.mark.long
 def test_several_descents_share_their_rounds(two):
     """Side by side they take the steps that each takes alone; one that is far behind one that ended goes no further."""

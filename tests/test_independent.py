@@ -139,6 +139,30 @@ def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
 
 
 @pytest.mark.long
+def test_a_clock_that_all_side_walls_share_is_named(tmp_path, benchmark):
+    """Fifteen standard errors early, whatever each recording's own clock would pay for it."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((1.5e5, 0.1), (0.75e5, 0.2)))
+    laboratory.campaign(tmp_path, {}, 8801, test=test)
+    told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)
+    views = [replace(v, recording=replace(v.recording, time=v.recording.time - early(v))) for v in told.views]
+    verdict, search = discover.discover(replace(told, views=tuple(views)), workers=1)
+    assert verdict.kind == "named", verdict.says
+    [found] = [p for c in verdict.causes for p in c.parameters]
+    assert found.name == "clock.sidewall"
+    assert abs(found.value + 0.15) < 3.0 * found.stderr
+    assert search.best.promise < 1.0
+
+
+def early(view):
+    return 0.15 if view.recording.view == "sidewall" else 0.0
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", OTHERS)
 def test_nothing_is_named_that_is_not_there(benchmark, seed):
     found = benchmark.one(seed, small=True)

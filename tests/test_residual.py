@@ -136,6 +136,9 @@ def test_nothing_to_compare_is_no_structure():
 def test_frames_of_a_wake_that_a_clock_cannot_tell_from_its_start_are_left_out(view, times, left_out):
     time = np.array([0.0, 2.0, 4.0, 8.0, 12.0, 12.3, 16.0])
     seen = SimpleNamespace(recording=SimpleNamespace(view=view, time=np.array(times)))
-    for sliding in ([1, 1, 1, 0, 0, 1, 1], [1] * 7):  # with a wait, and without
-        run = SimpleNamespace(time=time, sliding=np.array(sliding, bool), repetition=np.array([1, 1, 1, 1, 1, 2, 2]))
+    two, one = np.array([1, 1, 1, 1, 1, 2, 2]), np.ones(7, int)
+    for sliding, repetition, direction in (  # with a wait, without, and where the block turns
+        ([1, 1, 1, 0, 0, 1, 1], two, None), ([1] * 7, two, None), ([1] * 7, one, np.array([1, 1, 1, 1, 1, -1, -1])),
+    ):  # fmt: skip
+        run = SimpleNamespace(time=time, sliding=np.array(sliding, bool), repetition=repetition, direction=direction)
         assert tuple(np.array(times)[whitening._starting(seen, run)]) == left_out

@@ -160,12 +160,27 @@ class Descent:
         For evidence errors of the laboratory reach no farther than they are linear, else a point counts for far ones;
         and deviations are as large as they are likeliest here, not at the end of the steps.
         """
+        priors = self._of_views(priors)
         near = {p: (0.0, min(sd, FAINT[p.kind])) for p, (_, sd) in priors.items() if p.kind in FAINT}
-        still = {p: (0.0, TIGHT * priors[p][1]) for p in steps}
+        moved = {*steps, *(q for q in map(self._of_the_view, steps) if q in priors)}
+        still = {p: (0.0, TIGHT * priors[p][1]) for p in moved}
         own = {p: priors[p] for p in self.priors.keys() & priors.keys()}
         here = solved(self.problem, system, self.model, own | still | near).solution
         before = system.solve(priors | still).chi2
         return here.ln_evidence - 0.5 * _pulls(priors, still | near), before + _pulls(priors, still)
+
+    def _of_views(self, priors: Priors) -> Priors:
+        """Priors seen from where an error that all recordings of a view may have explains most of where they stand: it
+        takes what their own would pay for, and the sum of both, which alone is seen, stays."""
+        out = dict(priors)
+        for q, (mean, sd) in priors.items():
+            if q.kind in PLACED and not q.file:
+                files = {p: (m, s**-2) for p, (m, s) in priors.items() if self._of_the_view(p) == q}
+                weight = sum(w for _, w in files.values()) + sd**-2
+                common = (mean * sd**-2 - sum(m * w for m, w in files.values())) / weight
+                out |= {p: (m + common, priors[p][1]) for p, (m, _) in files.items()}
+                out[q] = (mean - common, sd)
+        return out
 
     @property
     def _comparable(self) -> Reached | None:

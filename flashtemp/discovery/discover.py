@@ -27,7 +27,7 @@ from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import Watch
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore, settled
-from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, calibrate
+from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, all_traces, calibrate
 from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Cause, Found, Held, Verdict
 from flashtemp.discovery.visible import Gain, gain
@@ -129,7 +129,7 @@ def _verdict(search: Search) -> Verdict:
         says=(),
         causes=() if kind == "no_verdict" else (*found, *causes),
         group=alike if kind == "group" else (),
-        next_experiment=experiment_design.advise(problem, search.best, alike) if kind == "group" else "",
+        next_experiment=experiment_design.advise(problem, all_traces(search), alike) if kind == "group" else "",
         base=base.fitness,
         extended=extended.fitness if causes else None,
         rivals=assessment.rivals(search, accepted),

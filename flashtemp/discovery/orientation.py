@@ -52,7 +52,7 @@ def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> t
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
     shown = {file: o for made in first for file, o in made.observables.items()}
     odd = suspicious(problem, data, first)
-    suspects = [(alone, view) for alone, view in odd if _nearer_so(problem, view, shown[view.file])]
+    suspects = [(alone, view) for alone, view in odd if _may_be_so(problem, view, shown[view.file])]
     others = [_other_way(problem, view) for _, view in suspects]
     tasks = [task for other in others for task in other.tasks(problem.start, everything(other))]
     found = []
@@ -134,18 +134,18 @@ def suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Ite
                 yield alone, views[block.label]
 
 
-def _nearer_so(problem: Problem, view: View, seen: Observable) -> bool:
-    """Whether a recording, as much warmer as friction may make it, is nearer to the picture predicted with its ends
-    exchanged: where not, no run need tell how it looks so."""
+def _may_be_so(problem: Problem, view: View, seen: Observable) -> bool:
+    """Whether a run has to tell how a recording looks with its ends exchanged: unless it, as much warmer as friction
+    may make it, is clearly nearer to the picture predicted as told."""
     from scipy.interpolate import interp1d
 
     told, still = view.recording, problem.case["ambient.temperature"]
     if len(told.u) < 2:
-        return False
+        return True
     turned, rise = mirrored(told, problem.case["block.length"]), seen.values - still
     there = interp1d(told.u, np.where(seen.inside, rise, np.nan), bounds_error=False)(turned.u)
-    as_told = misfit(told.temperature - still, rise, seen.inside)
-    return misfit(turned.temperature - still, there, np.isfinite(there)) < as_told
+    other = misfit(turned.temperature - still, there, np.isfinite(there))
+    return not np.isfinite(other) or misfit(told.temperature - still, rise, seen.inside) > CLEARLY * other
 
 
 def _other_way(problem: Problem, view: View) -> Problem:

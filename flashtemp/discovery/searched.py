@@ -223,3 +223,8 @@ def traced(
     found = descent.take(problem.predictions(descent.tasks())).fit
     assert found is not None  # a first step never goes back
     return replace(found, vain=fit.vain, noisy=fit.noisy)
+
+
+def all_traces(search: Search) -> Fit:
+    """The present best with the traces of all candidates: those that explain nothing here may elsewhere."""
+    return traced(search.problem, search.data, search.best, lambda text: None)

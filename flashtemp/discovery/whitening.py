@@ -169,8 +169,9 @@ def _noise(view: View, seen: Observable) -> Noise:
 def _starting(view: View, run: Run) -> npt.NDArray[np.bool_]:
     """Frames (frames,) of a wake so near to a start that its clock says whether there is a wake: no tangent tells."""
     t = view.recording.time
-    fresh = np.diff(run.sliding.astype(int), prepend=0) > 0
-    begun = np.flatnonzero(fresh | (run.sliding & (np.diff(run.repetition, prepend=0) > 0)))  # or without a wait
+    way = run.sliding * (1 if run.direction is None else run.direction)
+    turns = (np.diff(way, prepend=0) != 0) | (np.diff(run.repetition, prepend=0) > 0)  # with a wait, and without
+    begun = np.flatnonzero(run.sliding & turns)
     if view.recording.view != "wake" or not len(begun):
         return np.zeros(len(t), bool)
     starts = run.time[np.maximum(begun - 1, 0)]  # a wait is recorded to its end

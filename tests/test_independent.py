@@ -139,6 +139,15 @@ def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("seed", "end"), [(8657, "right"), (8991, "none_needed"), (9083, "right")])
+def test_what_campaigns_once_got_wrong(benchmark, seed, end):
+    """Scale and floor that were chosen one after the other (8657 unexplained, 8991 a hint of nothing), and a pair of
+    which one alone had no full fit (9083: z = 10, a second cause beside it)."""
+    found = benchmark.one(seed)
+    assert benchmark.outcome(found) == end, found["says"]
+
+
+@pytest.mark.long
 def test_a_clock_that_all_side_walls_share_is_named(tmp_path, benchmark):
     """Fifteen standard errors early, whatever each recording's own clock would pay for it."""
     from truth import laboratory

@@ -26,6 +26,7 @@ from flashtemp.discovery.searched import (
     Calibrated,
     Ranking,
     Search,
+    held,
     traced,
 )  # fmt: skip
 from flashtemp.discovery.starts import by_runs, dragged, inside, typical
@@ -109,7 +110,18 @@ def _refit(search: Search, ranked: Ranking, depth: int, watch: Watch) -> Search:
         search = _fit(search, _together(search, ranked), watch)
     if good and search.best.hopeless and not search.extended:
         search = _run(search, _companions(search, good[0], ranked, watch), watch)
-    return search
+    return _run(search, _each_alone(search), watch)
+
+
+def _each_alone(search: Search) -> list[Descent]:
+    """Members of the pair that would be accepted, alone from where it ended: traces that bend may have kept one that
+    explains all from a full fit."""
+    best = _worth_it(search, 0)
+    if best is None or len(best.model.effects) < 2:
+        return []
+    models = [replace(best.model, effects={e: own}) for e, own in best.model.effects.items()]
+    fresh = [m for m in models if frozenset(m.effects) not in search.fits]
+    return [search.start(m, held(search.problem, m)) for m in fresh]
 
 
 def _together(search: Search, ranked: Ranking) -> list[tuple[Score, ...]]:

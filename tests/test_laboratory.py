@@ -118,7 +118,7 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
 
 
-def test_an_image_that_is_no_nearer_with_its_ends_exchanged_is_not_run_so(tiny, monkeypatch):
+def test_an_image_that_is_clearly_nearer_as_told_is_not_run_with_its_ends_exchanged(tiny, monkeypatch):
     """Stripes misfit whatever the pressure, and clearly more with the ends exchanged; what shows one end only, or is as
     near both ways, is run."""
 
@@ -353,7 +353,7 @@ def test_a_gross_misfit_is_told_though_its_calibration_did_not_end(excess, cell,
     solution = SimpleNamespace(chi2=1e5 + excess, count=100_000)
     blocks = [SimpleNamespace(label=k, count=n, held_out=False) for k, n in (("wake", 99_800), ("mu", 200))]
     system = SimpleNamespace(blocks=blocks, left=lambda solution: [99_800.0, 200.0 * (1.0 + 0.1 * cell)])
-    base = Fit(Model(), (), system, solution, {}, 1.0, (0.5,), promise=promise)
+    base = Fit(Model(), (), system, solution, {}, (0.5,), promise=promise)
     assert discover._honest("unexplained", Search(None, None, {}, base, base, {}), False) == kind
 
 
@@ -530,7 +530,7 @@ def test_a_loss_seen_with_old_traces_is_looked_at_again_with_new_ones(tmp_path):
 
 def test_a_fit_that_is_traced_is_as_near_to_its_best_point_as_it_was(monkeypatch):
     """Columns of candidates more do not undo what was found of its end."""
-    left = Fit(Model({}), (), None, None, {}, 1.0, (0.5,), promise=0.9)
+    left = Fit(Model({}), (), None, None, {}, (0.5,), promise=0.9)
     took = SimpleNamespace(fit=left)
     monkeypatch.setattr(searched, "Descent", lambda *a: SimpleNamespace(take=lambda p: took, tasks=list))
     monkeypatch.setattr(searched, "held", lambda problem, model: [])

@@ -233,7 +233,7 @@ def law_of(sizes, wobble=0.0, seed=3):
     priors = {p: (0.0, 0.3) for p in nodes}
     system = System(blocks)
     model = Model({}, {NAME: {p.name: 0.0 for p in nodes}})
-    fit = Fit(model, (), system, system.solve(priors), priors, 1.0, (0.0,))
+    fit = Fit(model, (), system, system.solve(priors), priors, (0.0,))
     return SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)]), fit
 
 
@@ -275,7 +275,7 @@ def test_what_all_conditions_share_may_be_what_differs():
             r = C @ np.array([2.0, mode]) + rng.standard_normal(60)
             blocks.append(Block("ab"[number], number, False, r, C, ((p, 0), (shared, 1)), *none))
         system = System(blocks)
-        fit = Fit(model, (), system, system.solve(priors), priors, 1.0, (0.0,))
+        fit = Fit(model, (), system, system.solve(priors), priors, (0.0,))
         sizes = adequacy.per_condition(problem, fit, p)
         found.append(sizes.consistent)
         off += [(c.value - 2.0) / c.stderr for c in sizes.conditions]

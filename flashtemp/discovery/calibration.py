@@ -141,7 +141,7 @@ class Descent:
         history = (*self.history, _longest(sizes, SHIFTS))
         gained = np.inf if last is None else value - last.ln_evidence
         fit = Fit(
-            self.model, tuple(predictions), system, found.solution, found.priors, found.scale, history, bound, promise,
+            self.model, tuple(predictions), system, found.solution, found.priors, history, bound, promise,
             vain=gained < VAIN and max(last.fit.promise if last else np.inf, promise) < KNOWN,
             noisy=gained < VAIN and self.back > 0,
         )  # fmt: skip

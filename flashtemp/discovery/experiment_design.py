@@ -217,7 +217,7 @@ def _blank_fit(problem: Problem, model: Model, predictions: list[Prediction]) ->
     """A fit of nothing: priors and products only."""
     system = System(Data.begin(problem, predictions, noises=_noises(problem)).blocks(predictions))
     priors = nuisances(problem, system.names, model)
-    return Fit(model, tuple(predictions), system, system.solve(priors), priors, 1.0, (0.0,))
+    return Fit(model, tuple(predictions), system, system.solve(priors), priors, (0.0,))
 
 
 def _sizes(tried: Sequence[Candidate]) -> dict[str, tuple[ParameterId, float]]:

@@ -7,12 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from flashtemp.discovery.floor import LARGEST
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction import Prediction
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.scales import Scaled, solved, solved_at_largest
+from flashtemp.discovery.scales import Scaled, solved
 
 ENOUGH = 0.01  # largest last step over its prior standard deviation
 KNOWN = 1.0  # ln evidence that a step may promise of a fit whose evidence counts as known
@@ -28,7 +29,7 @@ class Fit:
     """A model at its best point: `solution` of its last linearisation, and the `history` of steps over prior
     standard deviations, of which the last is the one it would still take.
 
-    `priors` as seen from the point, `scale` of deviations of unknown shape; `bound` parameters that lie on a bound;
+    `priors` as seen from the point; `bound` parameters that lie on a bound;
     `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
     was taken and did not gain it: where rims of an image come and go, two points point at each other.  `noisy`: points
     as near as numerics can tell apart have less evidence, by more than it promises, or a step lost and a shorter one
@@ -40,7 +41,6 @@ class Fit:
     system: System
     solution: Solution
     priors: Priors
-    scale: float
     history: tuple[float, ...]
     bound: frozenset[ParameterId] = frozenset()
     promise: float = np.inf
@@ -120,7 +120,7 @@ class Fit:
 
     def at_largest(self, problem: Problem, more: Priors) -> float:
         """ln evidence with these priors where the model's own error may be as large as it ever is."""
-        return solved_at_largest(problem, self.system, self.model, more).solution.ln_evidence
+        return solved(problem, self.system, self.model, more, floors=(LARGEST,)).solution.ln_evidence
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,8 @@ from flashtemp.comparison.campaign import View
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Single, packed
 
-LEAST, LARGEST = (
-    1e-3,
-    3e-3,
-)  # of the rise, rms over a view: what discretisation and closures state (docs/verification.md)
-SIZES = (LEAST, LARGEST)  # one is chosen by evidence under every hypothesis
+# of the rise, rms over a view: what discretisation and closures state (docs/verification.md); evidence chooses one
+LEAST, LARGEST = 1e-3, 3e-3
 ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
 MIDDLE = 2e-3  # by which pulls are judged
 

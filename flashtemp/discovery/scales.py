@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flashtemp.discovery.floor import LARGEST, MIDDLE, SIZES
+from flashtemp.discovery.floor import LARGEST, LEAST, MIDDLE
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
 from flashtemp.discovery.nuisances import nuisances, rescaled
@@ -25,22 +25,11 @@ class Scaled:
 
 
 def solved(
-    problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None
-) -> Scaled:
-    """Nuisances as seen from a point, and `more`, estimated at the scale and the floor of largest evidence."""
-    return _likeliest(problem, system, model, more, tuple(reversed(SIZES)), equations)
-
-
-def solved_at_largest(problem: Problem, system: System, model: Model, more: Priors) -> Scaled:
-    """The same where the model's own error may be as large as it ever is."""
-    return _likeliest(problem, system, model, more, (LARGEST,), None)
-
-
-def _likeliest(
-    problem: Problem, system: System, model: Model, more: Priors, floors: tuple[float, ...],
-    equations: NormalEquations | None,
+    problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None,
+    floors: tuple[float, ...] = (LARGEST, LEAST),
 ) -> Scaled:  # fmt: skip
-    """The solution of largest evidence among all scales with some floors: both at once, for one hides the other."""
+    """Nuisances as seen from a point, and `more`, estimated at the scale and the floor, one of `floors`, of largest
+    evidence: both at once, for one hides the other."""
     equations, plain = equations or system.total(), nuisances(problem, system.names, model)
     ways = [(scale, floor) for floor in floors for scale in SCALES]
     priors = [rescaled(plain, *way) | more for way in ways]

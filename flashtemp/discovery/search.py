@@ -11,7 +11,6 @@ from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import freed, holdable
-from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.put_right import doubt, put_right
@@ -55,7 +54,8 @@ def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
                 return _once_more(search, calibrated, watch)
         if found is None:
             return put_right(_sure(search, watch), watch)
-        best = traced(search.problem, search.data, found, watch, among=_still(search, found))
+        more = likely(search.problem, search.best, found, problem.tried)
+        best = traced(search.problem, search.data, found, watch, among=more)
         search = replace(search, best=best, fits=search.fits | {frozenset(found.model.effects): best})
         if len(found.model.effects) >= MOST:
             break
@@ -72,13 +72,6 @@ def _once_more(search: Search, calibrated: Calibrated, watch: Watch) -> Search:
     begun = replace(calibrated, problem=problem, data=data, base=key.fit)
     again = explore(begun, watch)
     return replace(again, held_key=key, laboratory=(*search.laboratory, *again.laboratory))
-
-
-def _still(search: Search, found: Fit) -> tuple[Candidate, ...]:
-    """Candidates that may be a further cause, or stand for the one that was found."""
-    more = {c.effect for c in likely(search.problem, search.best, found, search.problem.tried)}
-    more |= {effect for names in search.fits for effect in names}
-    return tuple(c for c in search.problem.tried if c.effect in more)
 
 
 def _sure(search: Search, watch: Watch) -> Search:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
-ROWS = 65536  # of columns that are multiplied at a time
+ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
 
 
 @dataclass(frozen=True)
@@ -84,12 +85,16 @@ class Solution:
     chi2: float
     count: int
 
+    @cached_property
+    def _at(self) -> dict[ParameterId, int]:
+        return {n: i for i, n in enumerate(self.names)}
+
     def __getitem__(self, name: ParameterId) -> float:
-        return float(self.d[self.names.index(name)])
+        return float(self.d[self._at[name]])
 
     def sd(self, name: ParameterId) -> float:
         """Standard error of one column's strength."""
-        i = self.names.index(name)
+        i = self._at[name]
         return float(np.sqrt(self.covariance[i, i]))
 
     def as_dict(self) -> dict[ParameterId, float]:
@@ -105,12 +110,30 @@ class Projection:
     raw: Array
 
 
-def products(a: Columns, b: Columns | Array) -> Array:
-    """a^T b in double precision, by parts of the rows: a copy of all of them would be much memory."""
-    out = np.zeros((a.shape[1], *b.shape[1:]))
-    for first in range(0, len(a), ROWS):
-        part = slice(first, first + ROWS)
-        out += a[part].astype(float).T @ b[part].astype(float)
+def products(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tuple[Array, Array]:
+    """A^T A and B^T A in double precision, A the columns (n, ...) of `own` side by side and B those of `others`.
+
+    By parts of the rows, each converted once: a copy of all of them would be much memory.
+    """
+    square, cross, n = np.zeros((_width(own),) * 2), np.zeros((_width(others), _width(own))), len(own[0])
+    for first in range(0, n, ROWS):
+        a, b = (_beside(columns, slice(first, min(first + ROWS, n))) for columns in (own, others))
+        square += a.T @ a
+        cross += b.T @ a
+    return square, cross
+
+
+def _width(columns: Sequence[Columns]) -> int:
+    return sum(1 if c.ndim == 1 else c.shape[1] for c in columns)
+
+
+def _beside(columns: Sequence[Columns], part: slice) -> Array:
+    """A part of the rows of columns, side by side in double precision."""
+    out, at = np.empty((part.stop - part.start, _width(columns)), order="F"), 0
+    for c in columns:
+        wide = _width((c,))
+        out[:, at : at + wide] = c[part].reshape(-1, wide)
+        at += wide
     return out
 
 
@@ -143,15 +166,12 @@ class System:
         return out
 
     def _products(self, block: Block) -> BlockEquations:
-        C, F, k = block.C, block.F, block.C.shape[1]
-        G = np.empty((k + F.shape[1],) * 2)
-        G[:k, :k], G[k:, k:] = products(C, C), block.FF
-        G[k:, :k] = products(F, C)
-        G[:k, k:] = G[k:, :k].T
-        col = np.array([c for _, c in block.names], dtype=int)
-        return BlockEquations(
-            self._at(block), _moved(NormalEquations(G[np.ix_(col, col)], np.empty(0), 0.0, block.count), block)
-        )
+        k = block.C.shape[1]
+        square, cross = products([block.C, block.r], [block.F])
+        G = np.block([[square[:k, :k], cross[:, :k].T], [cross[:, :k], block.FF]])
+        right, col = np.concatenate([square[:k, k], cross[:, k]]), _columns(block)
+        own = NormalEquations(G[np.ix_(col, col)], right[col], float(square[k, k]), block.count)
+        return BlockEquations(self._at(block), own)
 
     def _at(self, block: Block) -> npt.NDArray[np.int64]:
         return np.array([self.index[n] for n, _ in block.names], dtype=int)
@@ -180,24 +200,28 @@ class System:
     def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
         """Estimate the columns named in `priors`; those that no block knows are left out."""
         total = equations or self.total()
-        names, at = self._known(priors)
-        found = _whole(total.right[at], total.matrix[np.ix_(at, at)], total.square, *_parts(priors, names))
-        inverse = cho_solve((found.lower, True), np.eye(len(at)), check_finite=False)
+        names = self.known(priors)
+        right, matrix = self._of(names, total)
+        found = _whole(right, matrix, total.square, *_parts(priors, names))
+        inverse = cho_solve((found.lower, True), np.eye(len(names)), check_finite=False)
         covariance = found.sd[:, None] * inverse * found.sd[None]
         return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
 
-    def likeliest(self, several: Sequence[Priors], equations: NormalEquations | None = None) -> int:
-        """Which of several priors of the same columns has the largest evidence."""
-        total = equations or self.total()
-        names, at = self._known(several[0])
-        right, matrix = total.right[at], total.matrix[np.ix_(at, at)]
-        found = [_whole(right, matrix, total.square, *_parts(priors, names)).ln_evidence for priors in several]
-        return int(np.argmax(found))
+    def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:
+        """Which of several `widths` (known,), standard deviations instead of priors', has the largest evidence."""
+        total, names = equations or self.total(), self.known(priors)
+        right, matrix = self._of(names, total)
+        mean = _parts(priors, names)[0]
+        return int(np.argmax([_whole(right, matrix, total.square, mean, sd).ln_evidence for sd in widths]))
 
-    def _known(self, priors: Priors) -> tuple[tuple[ParameterId, ...], list[int]]:
-        """Columns of those named that a block knows, and their numbers."""
-        names = tuple(n for n in priors if n in self.index)
-        return names, [self.index[n] for n in names]
+    def known(self, priors: Priors) -> tuple[ParameterId, ...]:
+        """Columns of those named that a block knows."""
+        return tuple(n for n in priors if n in self.index)
+
+    def _of(self, names: tuple[ParameterId, ...], total: NormalEquations) -> tuple[Array, Array]:
+        """Right-hand side and matrix of some columns."""
+        at = [self.index[n] for n in names]
+        return total.right[at], total.matrix[np.ix_(at, at)]
 
     def bounded(self, priors: Priors, most: float) -> Solution:
         """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
@@ -265,9 +289,13 @@ def _whole(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -
 
 def _moved(equations: NormalEquations, block: Block) -> NormalEquations:
     """Normal equations with the residual that a block has now."""
-    g = np.concatenate([products(block.C, block.r), products(block.F, block.r)])
-    col = np.array([c for _, c in block.names], dtype=int)
-    return replace(equations, right=g[col], square=float(block.r @ block.r))
+    square, cross = products([block.r], [block.C, block.F])
+    return replace(equations, right=cross[_columns(block), 0], square=float(square[0, 0]))
+
+
+def _columns(block: Block) -> npt.NDArray[np.int64]:
+    """Which column every name of a block stands for."""
+    return np.array([c for _, c in block.names], dtype=int)
 
 
 def change(block: Block, solution: Solution) -> Array:

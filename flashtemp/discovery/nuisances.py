@@ -107,10 +107,14 @@ def astray(recording: Recording, place: Place, axis: int) -> float:
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 
 
+def growth(scale: float) -> dict[Kind, float]:
+    """Times as wide as said: priors of what is small and unknown in shape, at a `scale`."""
+    return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
+
+
 def rescaled(priors: Priors, scale: float, floor: float) -> Priors:
     """The same at a `scale` of what is small and unknown in shape, and a `floor` of the model's own relative error."""
-    times = {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
-    out = dict(priors)
+    times, out = growth(scale), dict(priors)
     for p, (mean, sd) in priors.items():
         if p.kind in times:
             out[p] = (mean, sd * times[p.kind])

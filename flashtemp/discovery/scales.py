@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from flashtemp.discovery.floor import LARGEST, LEAST, MIDDLE
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import nuisances, rescaled
-from flashtemp.discovery.parameters import Priors
+from flashtemp.discovery.linear_gaussian import Array, NormalEquations, Solution, System
+from flashtemp.discovery.nuisances import growth, nuisances, rescaled
+from flashtemp.discovery.parameters import Kind, Priors
 from flashtemp.discovery.problem import Problem
 
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
@@ -32,6 +35,19 @@ def solved(
     evidence: both at once, for one hides the other."""
     equations, plain = equations or system.total(), nuisances(problem, system.names, model)
     ways = [(scale, floor) for floor in floors for scale in SCALES]
-    priors = [rescaled(plain, *way) | more for way in ways]
-    k = system.likeliest(priors, equations)
-    return Scaled(system.solve(priors[k], equations), priors[k], *ways[k])
+    given = plain | more
+    names = system.known(given)
+    sd = np.array([given[p][1] for p in names])
+    kinds = np.array(["" if p in more else p.kind for p in names])
+    way = ways[system.likeliest(given, [_widths(sd, kinds, *way) for way in ways], equations)]
+    priors = rescaled(plain, *way) | more
+    return Scaled(system.solve(priors, equations), priors, *way)
+
+
+def _widths(sd: Array, kinds: npt.NDArray[np.str_], scale: float, floor: float) -> Array:
+    """`rescaled` standard deviations (columns,) of priors of some `kinds`."""
+    out = sd.copy()
+    for kind, times in growth(scale).items():
+        out[kinds == kind] *= times
+    out[kinds == Kind.FLOOR] = floor
+    return out

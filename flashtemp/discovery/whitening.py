@@ -76,7 +76,7 @@ class Data:
                     good = data.known[entry.file] = seen.inside & np.isfinite(seen.values)
                     data.sigmas[entry.file] = entry.sigma or scatter((np.array(entry.mu) - seen.values)[good])
                 F = data._stack(entry, own)
-                data.fixed[entry.file] = Fixed(tuple(own), F, products(F, F))
+                data.fixed[entry.file] = Fixed(tuple(own), F, products([F])[0])
         return data
 
     def blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[Block]:

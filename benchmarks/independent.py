@@ -2,6 +2,7 @@
 
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
     python benchmarks/independent.py run 900 920 fixed.jsonl small shorter, fewer candidates, as the tests have them
+    python benchmarks/independent.py run 5000 5300 found.jsonl held of each one image, or one condition, is held out
     python benchmarks/independent.py table found.jsonl
 
 Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
@@ -49,7 +50,19 @@ def draw(seed: int, small: bool = False) -> dict:
     return {"seed": seed, "kind": kind, "hidden": name, "size": size}
 
 
-def one(seed: int, small: bool = False) -> dict:
+def without_some(campaign, seed: int):
+    """The campaign with one image, or all of one condition, marked held out, as drawn from the seed."""
+    rng = np.random.default_rng([seed, 179])
+    view = campaign.views[rng.integers(len(campaign.views))]
+    whole = rng.uniform() < 0.25
+
+    def marked(entry):
+        return replace(entry, held_out=entry is view or (whole and entry.given == view.given))
+
+    return replace(campaign, views=tuple(map(marked, campaign.views)), forces=tuple(map(marked, campaign.forces)))
+
+
+def one(seed: int, small: bool = False, held: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from truth import laboratory
 
@@ -66,13 +79,14 @@ def one(seed: int, small: bool = False) -> dict:
         truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
+        loaded = without_some(loaded, seed) if held else loaded
         verdict, search = discover.discover(loaded, workers=1)
     found = _record(verdict, search, plan, hidden)
     return (
         plan
         | {"true": hidden, "made_s": made, "cpu_s": time.process_time() - began}
         | found
-        | {"drawn": truth["drawn"]}
+        | {"drawn": truth["drawn"], "held_out": [e.file for e in loaded.entries if e.held_out]}
     )
 
 
@@ -94,14 +108,14 @@ def _record(verdict, search, plan: dict, hidden: dict) -> dict:
     }  # fmt: skip
 
 
-def run(first: int, last: int, file: Path, small: bool = False) -> None:
+def run(first: int, last: int, file: Path, small: bool = False, held: bool = False) -> None:
     """All seeds first..last-1 that the file does not hold yet, one after the other."""
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed in done:
             continue
         try:
-            found = one(seed, small)
+            found = one(seed, small, held)
         except Exception:  # a failure is a result too
             found = draw(seed, small) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
         with file.open("a") as out:
@@ -160,6 +174,8 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "run":
-        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), sys.argv[5:6] == ["small"])
+        run(
+            int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *(word in sys.argv[5:] for word in ("small", "held"))
+        )
     else:
         table(Path(sys.argv[2]))

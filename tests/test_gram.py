@@ -154,6 +154,25 @@ def test_what_is_held_out_is_not_seen(blocks):
     assert seen.ln_evidence == again.ln_evidence
 
 
+def test_what_only_data_know_that_are_held_out_is_estimated_from_them_alone(blocks):
+    """As where their image lies: what is fitted, or shared by all, stays as it was without them."""
+    own, view = ParameterId(Kind.SHIFT_U, file="d"), ParameterId(Kind.SCALE, name="profile")
+    names = (*blocks[3].names, (own, 0), (view, 1))
+    blocks[3] = replace(blocks[3], names=names, r=blocks[3].r + 5.0 * blocks[3].C[:, 0])
+    system, priors = System(blocks), PRIORS | {own: (0.3, 1.2), view: (0.0, 0.5)}
+    plain = system.solve(priors)
+    assert plain[own] == pytest.approx(0.3)
+    found = system.completed(plain, priors)
+    still = {n: (plain[n], 1e-9) for n in plain.names if n != own}
+    d, covariance = posterior(blocks[3:], still | {own: priors[own]})
+    assert found[own] == pytest.approx(d[-1], rel=1e-9)
+    assert found.sd(own) == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
+    for n in still:
+        assert (found[n], found.sd(n)) == (plain[n], plain.sd(n))
+    assert (found.ln_evidence, found.chi2, found.count) == (plain.ln_evidence, plain.chi2, plain.count)
+    assert System(blocks[:3]).completed(plain, priors) is plain
+
+
 @pytest.mark.parametrize("label", ["a", "b", "c", "d"])
 def test_density_of_what_was_left_out_is_a_difference_of_evidences(blocks, label):
     system = System(blocks)

@@ -97,11 +97,61 @@ def test_images_are_lined_up_where_nothing_else_is_wrong(tmp_path, hidden, beyon
     for place in found.start.places.values():
         assert place.turn == pytest.approx(beyond["turned"], abs=2e-3)
     held = replace(problem, conditions=tuple(_held_out(c) for c in problem.conditions))
-    assert not lined_up(held, problem.predictions(problem.tasks(problem.start, everything(problem))))[0].places
+    again = lined_up(held, problem.predictions(problem.tasks(problem.start, everything(problem))))[0]
+    assert again.places == found.places  # how a camera stood is no claim about heat
 
 
 def _held_out(condition):
     return replace(condition, views=tuple(replace(v, held_out=True) for v in condition.views))
+
+
+TURNED = ("condition2_sidewall.nc", {}, {"turned": 0.035})
+
+
+@pytest.mark.parametrize(
+    ("held", "hidden", "beyond"),
+    [
+        TURNED,
+        pytest.param("condition1", {}, {}, marks=pytest.mark.long),
+        pytest.param("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {}, marks=pytest.mark.long),
+    ],
+)
+def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, beyond):
+    """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""
+    verdict = _without(benchmark, tmp_path, held, hidden, beyond)
+    assert [c.effect for c in verdict.causes] == (["image_turn"] if beyond else [*hidden]), verdict.says
+    assert all(value <= limit for value, limit in verdict.gates.values())
+    assert (verdict.extended or verdict.base).held_out_z == pytest.approx(1.0, abs=0.1)
+    if beyond:
+        [turn] = verdict.causes[0].parameters
+        assert turn.name == f"image_turn.{held}"
+        assert turn.value == pytest.approx(np.degrees(beyond["turned"]), abs=0.1)
+
+
+@pytest.mark.long
+def test_what_only_data_show_that_are_held_out_is_not_explained(benchmark, tmp_path):
+    """A resistance of the contact that falls with speed, seen at one speed alone."""
+    verdict = _without(benchmark, tmp_path, "condition2", {"conductance_speed": 1e-4}, {})
+    assert verdict.kind in ("unexplained", "learned", "weak"), verdict.says
+
+
+def _without(benchmark, folder, held, hidden, beyond):
+    """The verdict on a campaign, files whose names begin with `held` being held out; `beyond` for its images alone."""
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5)
+    laboratory.campaign(folder / "told", hidden, 71, test=test)
+    laboratory.campaign(folder / "other", hidden, 71, test=test, beyond=beyond)
+    told, other = (replace(campaign.load(folder / name), candidates=benchmark.FEW) for name in ("told", "other"))
+    views = [
+        replace(b, held_out=True) if a.file.startswith(held) else a
+        for a, b in zip(told.views, other.views, strict=True)
+    ]
+    forces = [replace(f, held_out=f.file.startswith(held)) for f in told.forces]
+    return discover.discover(replace(told, views=tuple(views), forces=tuple(forces)), workers=1)[0]
 
 
 @pytest.mark.long

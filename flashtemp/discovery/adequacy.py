@@ -44,6 +44,16 @@ def mode_pulls(fit: Fit) -> float:
     return float(sum((fit.solution[p] / (MODE / p.index[0])) ** 2 for p in modes))
 
 
+def left_over(fit: Fit) -> float:
+    """Largest excess of a recording or trace, in standard errors of noise alone; of those held out that which a fit of
+    all data leaves, since what was fitted is known within its errors only."""
+    every = fit
+    if any(b.held_out for b in fit.blocks):
+        every = replace(fit, solution=fit.system.solve(fit.priors, fit.system.total(lambda b: True)))
+    own = ((every if b.held_out else fit).excess[b.label] for b in fit.blocks)
+    return max(own, default=0.0)
+
+
 def pulls(fit: Fit) -> dict[ParameterId, float]:
     """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
     out = {}

@@ -66,7 +66,8 @@ def as_known(fit: Fit) -> Fit:
     Nothing may go farther than ALLOWED standard deviations from what was known, however badly the model fits.
     """
     priors = plain(fit.priors) | fit.effects
-    return replace(fit, priors=priors, solution=fit.system.bounded(priors, ALLOWED))
+    solution = fit.system.completed(fit.system.bounded(priors, ALLOWED), priors)
+    return replace(fit, priors=priors, solution=solution)
 
 
 # --- data left out -------------------------------------------------------------------------------------
@@ -335,5 +336,5 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),
         "calibrated parameters (standard deviations)": (theta, adequacy.PULL),
         "camera and friction scatter (standard deviations)": (camera, 2.0 * adequacy.PULL),
-        "noise left over (standard errors of chi2)": (max(fit.excess.values(), default=0.0), EXCESS),
+        "noise left over (standard errors of chi2)": (adequacy.left_over(fit), EXCESS),
     }

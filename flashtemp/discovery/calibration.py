@@ -158,11 +158,13 @@ class Descent:
         """ln evidence at the point itself, and chi2 before `steps` are taken: what moves stands still, the rest free.
 
         For evidence errors of the laboratory reach no farther than they are linear, else a point counts for far ones;
-        and deviations are as large as they are likeliest here, not at the end of the steps.
+        and deviations are as large as they are likeliest here, not at the end of the steps.  Images that were held out
+        may lie anywhere.
         """
-        priors = self._of_views(priors)
+        seen = system.seen
+        priors = {p: v for p, v in self._of_views(priors).items() if p in seen}
         near = {p: (0.0, min(sd, FAINT[p.kind])) for p, (_, sd) in priors.items() if p.kind in FAINT}
-        moved = {*steps, *(q for q in map(self._of_the_view, steps) if q in priors)}
+        moved = {p for p in (*steps, *map(self._of_the_view, steps)) if p in priors}
         still = {p: (0.0, TIGHT * priors[p][1]) for p in moved}
         own = {p: priors[p] for p in self.priors.keys() & priors.keys()}
         here = solved(self.problem, system, self.model, own | still | near).solution

@@ -207,6 +207,31 @@ class System:
         covariance = found.sd[:, None] * inverse * found.sd[None]
         return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
 
+    @property
+    def seen(self) -> frozenset[ParameterId]:
+        """Columns that any block knows which is fitted."""
+        return frozenset(n for b in self.blocks if not b.held_out for n, _ in b.names)
+
+    def completed(self, solution: Solution, priors: Priors) -> Solution:
+        """With what only blocks know that are held out, of their own, such as where their images lie, estimated from
+        them; all that is shared or fitted stands as it was found."""
+        if not any(b.held_out for b in self.blocks):
+            return solution
+        seen = self.seen
+        own = [i for i, n in enumerate(solution.names) if n not in seen and not n.everywhere]
+        if not own:
+            return solution
+        total, at = self.total(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
+        d, covariance = solution.d.copy(), solution.covariance.copy()
+        d[own] = 0.0
+        right = (total.right[at] - total.matrix[np.ix_(at, at)] @ d)[own]
+        mean, sd = _parts(priors, tuple(solution.names[i] for i in own))
+        found = _whole(right, total.matrix[np.ix_(at[own], at[own])], total.square, mean, sd)
+        d[own], covariance[own], covariance[:, own] = found.sd * found.u, 0.0, 0.0
+        inverse = cho_solve((found.lower, True), np.eye(len(own)), check_finite=False)
+        covariance[np.ix_(own, own)] = found.sd[:, None] * inverse * found.sd[None]
+        return replace(solution, d=d, covariance=covariance)
+
     def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:
         """Which of several `widths` (known,), standard deviations instead of priors', has the largest evidence."""
         total, names = equations or self.total(), self.known(priors)

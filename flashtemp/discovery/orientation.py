@@ -120,7 +120,8 @@ def begun(problem: Problem, data: Data, predictions: Sequence[Prediction]) -> li
 
 
 def judged(problem: Problem, block: Block, model: Model) -> Alone:
-    solution = solved(problem, System([block]), model, {}).solution
+    """One block by itself, one held out too: how a camera stood is no claim about heat."""
+    solution = solved(problem, System([replace(block, held_out=False)]), model, {}).solution
     return Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
 
 
@@ -128,7 +129,7 @@ def suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Ite
     """Recordings that no calibration explains, by themselves."""
     views = {v.file: v for v in problem.campaign.views if v.recording.places is None}
     for block in data.blocks(first):
-        if block.label in views and not block.held_out:
+        if block.label in views:
             alone = judged(problem, block, problem.start)
             if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
                 yield alone, views[block.label]

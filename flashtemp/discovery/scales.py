@@ -32,16 +32,18 @@ def solved(
     floors: tuple[float, ...] = (LARGEST, LEAST),
 ) -> Scaled:  # fmt: skip
     """Nuisances as seen from a point, and `more`, estimated at the scale and the floor, one of `floors`, of largest
-    evidence: both at once, for one hides the other."""
-    equations, plain = equations or system.total(), nuisances(problem, system.names, model)
+    evidence: both at once, for one hides the other.  Of all data that are fitted, those held out shown where their own
+    cameras were, unless other `equations` are given."""
+    asked, plain = equations or system.total(), nuisances(problem, system.names, model)
     ways = [(scale, floor) for floor in floors for scale in SCALES]
     given = plain | more
     names = system.known(given)
     sd = np.array([given[p][1] for p in names])
     kinds = np.array(["" if p in more else p.kind for p in names])
-    way = ways[system.likeliest(given, [_widths(sd, kinds, *way) for way in ways], equations)]
+    way = ways[system.likeliest(given, [_widths(sd, kinds, *way) for way in ways], asked)]
     priors = rescaled(plain, *way) | more
-    return Scaled(system.solve(priors, equations), priors, *way)
+    solution = system.solve(priors, asked)
+    return Scaled(solution if equations else system.completed(solution, priors), priors, *way)
 
 
 def _widths(sd: Array, kinds: npt.NDArray[np.str_], scale: float, floor: float) -> Array:

@@ -29,7 +29,7 @@ def dragged(fit: Fit) -> bool:
 def by_runs(problem: Problem, data: Data, fit: Fit, s: Score) -> dict[str, float]:
     """Values of an effect, of those that its trace and its typical strength suggest, that leave least of the condition
     that misfits most: no tangent reaches far from a base that misfits grossly."""
-    excess = fit.excess
+    excess = {b.label: 0.0 if b.held_out else fit.excess[b.label] for b in fit.blocks}
     number = max(
         range(len(problem.conditions)), key=lambda n: sum(excess[e.file] for e in problem.conditions[n].entries)
     )

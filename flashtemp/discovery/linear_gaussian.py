@@ -132,7 +132,7 @@ def _beside(columns: Sequence[Columns], part: slice) -> Array:
     out, at = np.empty((part.stop - part.start, _width(columns)), order="F"), 0
     for c in columns:
         wide = _width((c,))
-        out[:, at : at + wide] = c[part].reshape(-1, wide)
+        out[:, at : at + wide] = c[part].reshape(len(out), wide)
         at += wide
     return out
 

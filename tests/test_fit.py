@@ -12,6 +12,7 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.discovery import search
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.floor import LARGEST, LEAST
@@ -290,6 +291,35 @@ def test_a_gross_misfit_is_left_no_sooner_than_a_step_was_taken_and_gained_littl
     assert fit.usable
     descent = Descent(two.problem, two.data, fit.model, history=history, fit=fit, gained=gained * fit.misfit)
     assert descent.done is done
+
+
+@pytest.mark.parametrize(("share", "done"), [(0.05, True), (0.15, False)])
+def test_the_believed_model_need_not_be_exact_where_it_misfits_grossly(two, share, done):
+    """What extends it must; `share` of the misfit that a step still promises."""
+    solution = replace(two.base.solution, chi2=1.5 * two.base.solution.count)
+    fit = replace(two.base, history=(1.0, 1.0), noisy=False, solution=solution)
+    fit = replace(fit, promise=share * fit.misfit)
+    descent = Descent(two.problem, two.data, fit.model, history=fit.history, fit=fit, gained=0.05 * fit.misfit)
+    assert descent.done is done
+    assert not replace(descent, effects=(candidate(two, "pressure_tilt"),)).done
+
+
+@pytest.mark.parametrize("gross", [False, True])
+def test_a_first_fit_that_ends_well_lends_its_traces_to_the_others(two, monkeypatch, gross):
+    solution = replace(two.base.solution, chi2=1.5 * two.base.solution.count)
+    end = replace(two.base, solution=solution) if gross else two.base
+    rounds = []
+
+    def ended(problem, descents, watch=None, hopeless=np.inf):
+        rounds.append(list(descents))
+        return [replace(d, fit=end) for d in descents]
+
+    monkeypatch.setattr(search, "descend", ended)
+    begun = search.Search(two.problem, two.data, {}, two.base, two.base, {frozenset(): two.base})
+    others = [begun.start(two.base.model, ()) for _ in range(3)]
+    search._run(begun, others, lambda text: None, first=True)
+    assert rounds[0] == others[:1]
+    assert [d.parent for d in rounds[1][1:]] == [None if gross else end] * 2
 
 
 def test_what_one_recording_alone_leaves_over_may_be_gross(two):

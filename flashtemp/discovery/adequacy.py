@@ -116,13 +116,14 @@ class OwnSizes:
         return float(chi2.sf(away @ precision @ away, len(value) - 1))
 
 
-def per_condition(problem: Problem, fit: Fit, parameter: ParameterId) -> OwnSizes:
-    """A parameter of an effect as each condition would have it, if it were one for each and all else shared."""
-    now, (words, split, own) = fit.model.value(parameter), _apart(problem, fit, [parameter])
+def per_condition(problem: Problem, fit: Fit, parameter: ParameterId, every: bool = False) -> OwnSizes:
+    """A parameter of an effect as each condition would have it, if it were one for each and all else shared; by `every`
+    datum, those held out too."""
+    now, (words, split, own) = fit.model.value(parameter), _apart(problem, fit, [parameter], every)
     return _own_sizes(words, [now + split[p] for [p] in own], _covariance(split, [p for [p] in own]))
 
 
-def size_per_condition(problem: Problem, fit: Fit, effect: str) -> OwnSizes:
+def size_per_condition(problem: Problem, fit: Fit, effect: str, every: bool = False) -> OwnSizes:
     """How many times a law as found each condition would have it, all its nodes free there.
 
     A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
@@ -131,7 +132,7 @@ def size_per_condition(problem: Problem, fit: Fit, effect: str) -> OwnSizes:
     if not nodes:  # all on their bounds
         return OwnSizes((), np.zeros((0, 0)))
     found = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
-    words, split, own = _apart(problem, fit, nodes)
+    words, split, own = _apart(problem, fit, nodes, every)
     sizes, weights = [], np.zeros((len(own), len(own) * len(nodes)))
     for k, names in enumerate(own):
         precision = np.linalg.inv(_covariance(split, names)) @ found
@@ -141,14 +142,21 @@ def size_per_condition(problem: Problem, fit: Fit, effect: str) -> OwnSizes:
     return _own_sizes(words, sizes, weights @ _covariance(split, [p for names in own for p in names]) @ weights.T)
 
 
-def _apart(problem: Problem, fit: Fit, own: list[ParameterId]) -> tuple[list[str], Solution, list[list[ParameterId]]]:
+def _apart(
+    problem: Problem, fit: Fit, own: list[ParameterId], every: bool
+) -> tuple[list[str], Solution, list[list[ParameterId]]]:
     """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
-    seen = {b.condition for b in fit.blocks if not b.held_out and {n for n, _ in b.names} >= set(own)}
+
+    def asked(b: Block) -> bool:
+        return every or not b.held_out
+
+    seen = {b.condition for b in fit.blocks if asked(b) and {n for n, _ in b.names} >= set(own)}
     split = fit.system.split(own)
     names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
     loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}
     shared = {p: v for p, v in fit.priors.items() if p not in own}
-    return [problem.conditions[n].words for n in sorted(seen)], split.solve(shared | loose), names
+    solution = split.solve(shared | loose, split.total(asked))
+    return [problem.conditions[n].words for n in sorted(seen)], solution, names
 
 
 def _covariance(solution: Solution, names: list[ParameterId]) -> Array:
@@ -161,11 +169,11 @@ def _own_sizes(words: Sequence[str], values: Sequence[float], covariance: Array)
     return OwnSizes(tuple(OwnValue(*own) for own in zip(words, values, errors, strict=True)), covariance)
 
 
-def sizes_per_condition(problem: Problem, fit: Fit, effect: str) -> list[OwnSizes]:
+def sizes_per_condition(problem: Problem, fit: Fit, effect: str, every: bool = False) -> list[OwnSizes]:
     """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
     if effect == NAME:
-        return [size_per_condition(problem, fit, effect)]
-    return [per_condition(problem, fit, p) for p in fit.fitted if p.effect == effect]
+        return [size_per_condition(problem, fit, effect, every)]
+    return [per_condition(problem, fit, p, every) for p in fit.fitted if p.effect == effect]
 
 
 def _statistics(left: Array) -> dict[str, float]:

@@ -184,7 +184,7 @@ def cause(search: Search, effect: str, base: Assessed, extended: Assessed) -> Ca
     score = next((s for ranking in search.ranking for s in ranking if s.effect == effect), None)
     own = [p for p in fit.solution.names if p.effect == effect]
     bound = sorted(p for p in fit.bound if p.effect == effect)
-    sizes = adequacy.sizes_per_condition(search.problem, fit, effect)
+    sizes = adequacy.sizes_per_condition(search.problem, fit, effect, every=True)
     return Cause(
         effect=effect,
         words=search.problem.case.known[effect].cause,
@@ -326,7 +326,7 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     away = {p: v for p, v in adequacy.pulls(fit).items() if p not in search.problem.loose}
     theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
-    sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e)]
+    sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e, every=True)]
     scatter = max((-np.log10(max(s.consistent, 1e-99)) for s in sizes), default=0.0)
     third = _third(search, fit) if len(fit.model.effects) >= MOST and search.ranking[-1] else 0.0
     return {

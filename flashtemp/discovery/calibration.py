@@ -107,8 +107,10 @@ class Descent:
             return True
         helps = max(HELPS, LITTLE * self.fit.misfit if rough else 0.0)
         most = (FEW if rough else TRIES) * (2 if self.gained > helps else 1)
-        calm = len(self.history) > 1 and self.gained < LEAPS * self.fit.misfit
-        return (rough and self.fit.usable and calm) or len(self.history) >= most or self.tried >= most + BACK
+        little = LEAPS * self.fit.misfit
+        calm = len(self.history) > 1 and self.gained < little
+        ends = self.fit.usable or (not self.effects and self.fit.promise < little)  # the believed model misfits anyway
+        return (rough and calm and ends) or len(self.history) >= most or self.tried >= most + BACK
 
     def take(self, predictions: Sequence[Prediction]) -> Descent:
         """Linearise at the present point and move to where it points; after a loss, back to the best point and on from

@@ -205,13 +205,16 @@ def _gain(search: Search, group: tuple[Score, ...]) -> float:
 
 
 def _run(search: Search, descents: list[Descent], watch: Watch, first: bool = False) -> Search:
-    """With full fits, kept where they found anything; the `first` of them may go before, and show how far one gets."""
+    """With full fits, kept where they found anything; the `first` of them may go before, and show how far one gets; if
+    it ends well it lends its traces to the others, whose images lie where its images do."""
     if not descents:
         return search
     watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
     fits, failed, ended = dict(search.fits), search.failed, dict(search.ended)
     before = descend(search.problem, descents[:1], watch) if first else []
-    for d in descend(search.problem, [*before, *descents[len(before) :]], watch, HOPELESS):
+    lent = [d.fit for d in before if d.fit is not None and d.fit.usable and not d.fit.hopeless]
+    after = [replace(d, parent=fit) for d in descents[1:] for fit in lent] if lent else descents[len(before) :]
+    for d in descend(search.problem, [*before, *after], watch, HOPELESS):
         names = frozenset(d.model.effects)
         if d.fit is None:
             failed = d.failed or failed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from flashtemp.discovery.prediction import Derivatives
 from flashtemp.discovery.problem import Problem, strangers, without
 from flashtemp.discovery.rounds import FAR, Watch, advance, descend
 from flashtemp.discovery.scores import Score
+from flashtemp.discovery.starts import chi2, misfits, worst
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import BadInput, SolverFailure
 
@@ -151,23 +152,23 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
 
 
 def _by_length(begun: Descent) -> Descent:
-    """Begun at the length of the block that fits best: images show its trailing edge within a pixel or two, and no
-    tangent tells which way it is farther off."""
+    """Begun at the length of the block that fits the condition best that misfits most: images show its trailing edge
+    within a pixel or two, and no tangent tells which way it is farther off."""
     problem, data, fit = begun.problem, begun.data, begun.fit
     assert fit is not None
     if problem.case["schedule.alone"]:
         return begun
 
-    def misfit(share: float) -> float:
-        seen = problem.predictions(problem.tasks(_longer(fit.model, share), Derivatives()))
-        return fit.system.shown(data.residuals(seen)).solve(fit.priors).chi2
+    def left(shares: Iterable[float]) -> dict[float, float]:
+        models = {share: _longer(fit.model, share) for share in shares}
+        return dict(zip(models, misfits(problem, data, fit, list(models.values())), strict=True))
 
-    fits = {share: misfit(share) for share in (-LONGER, LONGER)}
-    way = min(fits, key=lambda share: fits[share])
-    if fit.solution.chi2 - fits[way] < 2.0 * HOPELESS:
+    found = left((-LONGER, LONGER))
+    way = min(found, key=lambda share: found[share])
+    if chi2(problem, fit, worst(problem, fit)) - found[way] < 2.0 * HOPELESS:
         return begun
-    fits |= {share: misfit(share) for share in (times * way for times in LENGTHS)}
-    best = _longer(fit.model, min(fits, key=lambda share: fits[share]))
+    found |= left(times * way for times in LENGTHS)
+    best = _longer(fit.model, min(found, key=lambda share: found[share]))
     return Descent(problem, data, best).take(problem.predictions(problem.tasks(best, everything(problem))))
 
 

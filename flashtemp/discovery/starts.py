@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS
 from flashtemp.discovery.prediction import Derivatives, Prediction
 from flashtemp.discovery.problem import Problem
@@ -29,29 +30,41 @@ def dragged(fit: Fit) -> bool:
 def by_runs(problem: Problem, data: Data, fit: Fit, s: Score) -> dict[str, float]:
     """Values of an effect, of those that its trace and its typical strength suggest, that leave least of the condition
     that misfits most: no tangent reaches far from a base that misfits grossly."""
-    excess = {b.label: 0.0 if b.held_out else fit.excess[b.label] for b in fit.blocks}
-    number = max(
-        range(len(problem.conditions)), key=lambda n: sum(excess[e.file] for e in problem.conditions[n].entries)
-    )
-    only = replace(problem, conditions=problem.conditions[number : number + 1], pins=problem.pins[number : number + 1])
-    options = list(_options(s))
-    model = replace(problem.start, effects=fit.model.effects)
-    tasks = [only.tasks(model.with_effect(s.effect, o), Derivatives())[0] for o in options]
-    stiff, now = replace(problem, stiff=True), {b.label: b.r for b in fit.blocks}
+    options, model = list(_options(s)), replace(problem.start, effects=fit.model.effects)
+    left = misfits(replace(problem, stiff=True), data, fit, [model.with_effect(s.effect, o) for o in options])
+    return options[int(np.argmin(left))]
 
-    def misfit(answer: Prediction | FlashtempError) -> float:
+
+def misfits(problem: Problem, data: Data, fit: Fit, models: Sequence[Model]) -> list[float]:
+    """chi2 that models leave of the condition that a fit misfits most, with the traces of the fit; infinite where
+    nothing can be predicted."""
+    number = worst(problem, fit)
+    only = replace(problem, conditions=problem.conditions[number : number + 1], pins=problem.pins[number : number + 1])
+    now = {b.label: b.r for b in fit.blocks}
+
+    def left(answer: Prediction | FlashtempError) -> float:
         if isinstance(answer, FlashtempError):
             return np.inf
         try:
             seen = replace(data, problem=only).residuals([answer])
         except FlashtempError:
             return np.inf
-        system = fit.system.shown(now | seen)
-        own = system.total(lambda b: b.condition == number and not b.held_out)
-        return replace(fit, system=system).solved(stiff, fit.effects, own).solution.chi2
+        return chi2(problem, replace(fit, system=fit.system.shown(now | seen)), number)
 
-    left = [misfit(answer) for answer in problem.run(tasks)]
-    return options[int(np.argmin(left))]
+    return [left(answer) for answer in problem.run([only.tasks(model, Derivatives())[0] for model in models])]
+
+
+def worst(problem: Problem, fit: Fit) -> int:
+    """Number of the condition that a fit misfits most."""
+    excess = {b.label: 0.0 if b.held_out else fit.excess[b.label] for b in fit.blocks}
+    totals = [sum(excess[e.file] for e in c.entries) for c in problem.conditions]
+    return int(np.argmax(totals))
+
+
+def chi2(problem: Problem, fit: Fit, number: int) -> float:
+    """What a fit leaves of one condition, by itself."""
+    own = fit.system.total(lambda b: b.condition == number and not b.held_out)
+    return fit.solved(problem, fit.effects, own).solution.chi2
 
 
 def _options(s: Score) -> Iterator[dict[str, float]]:

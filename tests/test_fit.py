@@ -12,7 +12,7 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import search
+from flashtemp.discovery import discover, search
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.floor import LARGEST, LEAST
@@ -27,6 +27,7 @@ from flashtemp.discovery.scales import solved
 from flashtemp.discovery.scores import likely, scores
 from flashtemp.discovery.searched import calibrate, traced
 from flashtemp.discovery.starts import _options, by_runs, dragged, typical
+from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.physics.effect import Param, find
 from flashtemp.runs.workers import crew
@@ -302,6 +303,35 @@ def test_the_believed_model_need_not_be_exact_where_it_misfits_grossly(two, shar
     descent = Descent(two.problem, two.data, fit.model, history=fit.history, fit=fit, gained=0.05 * fit.misfit)
     assert descent.done is done
     assert not replace(descent, effects=(candidate(two, "pressure_tilt"),)).done
+
+
+@pytest.mark.parametrize(("adrift", "done"), [(0.1, True), (1.6, False)])
+def test_a_fit_is_not_done_while_an_image_held_out_still_moves(two, adrift, done):
+    """All else is at its best point: what steps promise counts data that are fitted alone."""
+    fit = replace(two.base, adrift=adrift)
+    assert fit.converged
+    descent = Descent(two.problem, two.data, fit.model, history=fit.history, fit=fit)
+    assert descent.done is done
+
+
+@pytest.mark.parametrize(("labels", "gained", "kind"), [
+    (("held out",), 5.0, "named"), (("held out",), -1.0, "named"), (("held out",), -5.0, "weak"),
+    (("wall.nc",), -5.0, "named"), (("condition 1", "condition 2"), -1.0, "weak"),
+])  # fmt: skip
+def test_a_cause_against_which_data_left_out_speak_is_weak(labels, gained, kind):
+    """What is held out need not show it; a single recording has nothing to be left out of."""
+    share = np.full(len(labels), gained / len(labels))
+    base, extended = (SimpleNamespace(left_out=SimpleNamespace(labels=labels, density=d)) for d in (0.0 * share, share))
+    assert discover._kind(False, {}, (), base, extended, True) == kind
+
+
+def test_something_has_to_be_fitted(two):
+    told = two.problem.campaign
+    views = tuple(replace(v, held_out=True) for v in told.views)
+    prepare(replace(told, views=views), two.problem.run)  # load cells are left
+    forces = tuple(replace(f, held_out=True) for f in told.forces)
+    with pytest.raises(BadInput, match="leave at least one to be fitted"):
+        prepare(replace(told, views=views, forces=forces), two.problem.run)
 
 
 @pytest.mark.parametrize("gross", [False, True])

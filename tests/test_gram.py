@@ -166,9 +166,18 @@ def test_what_only_data_know_that_are_held_out_is_estimated_from_them_alone(bloc
     still = {n: (plain[n], 1e-9) for n in plain.names if n != own}
     d, covariance = posterior(blocks[3:], still | {own: priors[own]})
     assert found[own] == pytest.approx(d[-1], rel=1e-9)
-    assert found.sd(own) == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
     for n in still:
         assert (found[n], found.sd(n)) == (plain[n], plain.sd(n))
+    shared = list(still)  # errors of what is shared are in its own, and go together with it
+    _, A = dense(blocks[3:], [*shared, own])
+    at = [plain.names.index(n) for n in shared]
+    own_only = 1.0 / (A[:, -1] @ A[:, -1] + priors[own][1] ** -2)
+    follow = -own_only * (A[:, -1] @ A[:, :-1])
+    together = follow @ plain.covariance[np.ix_(at, at)]
+    assert found.sd(own) == pytest.approx(np.sqrt(own_only + together @ follow), rel=1e-9)
+    last = found.names.index(own)
+    np.testing.assert_allclose(found.covariance[last, at], together, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, found.covariance.T)
     assert (found.ln_evidence, found.chi2, found.count) == (plain.ln_evidence, plain.chi2, plain.count)
     assert System(blocks[:3]).completed(plain, priors) is plain
 

@@ -84,10 +84,18 @@ def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     [made] = problem.predictions(tasks[:1])
     kinds = {p.kind for o in made.observables.values() for p in o.columns}
     assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}
-    rounding = iter([0.0, 1e-14])
+    flux, asked = ParameterId(Kind.FLUX, (1,), condition=0), []
 
     def solved(problem, more):
-        return SimpleNamespace(solution=SimpleNamespace(ln_evidence=next(rounding)))
+        asked.append(more)
+        return SimpleNamespace(solution=SimpleNamespace(ln_evidence=1e-14 * len(asked)))
 
-    fit = SimpleNamespace(solved=solved, effects={}, system=SimpleNamespace(names=[ParameterId(Kind.GAIN)]))
-    assert adequacy.generic(None, fit) == 0.0
+    for names, seen in (
+        ([ParameterId(Kind.GAIN)], []),
+        ([flux], [flux]),
+        ([flux], []),
+    ):  # felt by none, or by data held out
+        fit = SimpleNamespace(solved=solved, effects={}, system=SimpleNamespace(names=names, seen=frozenset(seen)))
+        assert adequacy.generic(None, fit) == 0.0
+    assert [*asked[-1]] == [flux]
+    assert len(asked) == 2

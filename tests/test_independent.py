@@ -129,14 +129,25 @@ def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_p
 
 
 @pytest.mark.long
+def test_an_image_that_is_held_out_is_followed_to_where_it_is(benchmark, tmp_path):
+    """Frames stamped 0.15 s early: the rest is at its best point long before, and half of it was told as a scale."""
+    verdict = _without(benchmark, tmp_path, "condition2_wake.nc", {}, {}, early=0.15)
+    assert [c.effect for c in verdict.causes] == ["clock"], verdict.says
+    [clock] = verdict.causes[0].parameters
+    assert clock.value == pytest.approx(-0.15, abs=0.02)  # the clock itself is late by as much, and not told
+    assert "pixel scale of condition2_wake.nc" not in " ".join(verdict.says)
+
+
+@pytest.mark.long
 def test_what_only_data_show_that_are_held_out_is_not_explained(benchmark, tmp_path):
     """A resistance of the contact that falls with speed, seen at one speed alone."""
     verdict = _without(benchmark, tmp_path, "condition2", {"conductance_speed": 1e-4}, {})
     assert verdict.kind in ("unexplained", "learned", "weak"), verdict.says
 
 
-def _without(benchmark, folder, held, hidden, beyond):
-    """The verdict on a campaign, files whose names begin with `held` being held out; `beyond` for its images alone."""
+def _without(benchmark, folder, held, hidden, beyond, early=0.0):
+    """The verdict on a campaign, files whose names begin with `held` being held out; `beyond` for its images alone,
+    whose frames are stamped `early` (s)."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign
@@ -146,10 +157,10 @@ def _without(benchmark, folder, held, hidden, beyond):
     laboratory.campaign(folder / "told", hidden, 71, test=test)
     laboratory.campaign(folder / "other", hidden, 71, test=test, beyond=beyond)
     told, other = (replace(campaign.load(folder / name), candidates=benchmark.FEW) for name in ("told", "other"))
-    views = [
-        replace(b, held_out=True) if a.file.startswith(held) else a
-        for a, b in zip(told.views, other.views, strict=True)
-    ]
+    views = []
+    for plain, odd in zip(told.views, other.views, strict=True):
+        apart = replace(odd, recording=replace(odd.recording, time=odd.recording.time - early), held_out=True)
+        views.append(apart if plain.file.startswith(held) else plain)
     forces = [replace(f, held_out=f.file.startswith(held)) for f in told.forces]
     return discover.discover(replace(told, views=tuple(views), forces=tuple(forces)), workers=1)[0]
 

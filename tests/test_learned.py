@@ -217,9 +217,9 @@ TRUE = {  # what holds, and over which argument: ln of the factor at the nodes
 }
 
 
-def law_of(sizes, wobble=0.0, seed=3):
+def law_of(sizes, wobble=0.0, seed=3, held=()):
     """A fit of three nodes to two conditions of 400 data that show the law, `sizes` times as large; `wobble` moves one
-    node of the second against its neighbour, and the law as a whole by nothing."""
+    node of the second against its neighbour, and the law as a whole by nothing.  Conditions may be `held` out."""
     rng = np.random.default_rng(seed)
     nodes = [ParameterId.of_effect(NAME, f"at_{k + 1}") for k in range(3)]
     values, none, blocks = np.array([0.3, -0.2, 0.25]), (np.zeros((400, 0)), np.zeros((0, 0))), []
@@ -229,7 +229,8 @@ def law_of(sizes, wobble=0.0, seed=3):
     for number, size in enumerate(sizes):
         own = size * values + number * wobble * against
         r = C @ own + rng.standard_normal(400)
-        blocks.append(Block("ab"[number], number, False, r, C, tuple((p, k) for k, p in enumerate(nodes)), *none))
+        names = tuple((p, k) for k, p in enumerate(nodes))
+        blocks.append(Block("ab"[number], number, number in held, r, C, names, *none))
     priors = {p: (0.0, 0.3) for p in nodes}
     system = System(blocks)
     model = Model({}, {NAME: {p.name: 0.0 for p in nodes}})
@@ -245,6 +246,17 @@ def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes)
     for own, size in zip(found.conditions, sizes, strict=True):
         assert own.value * common == pytest.approx(size, abs=5.0 * own.stderr)
     assert (found.consistent > 1e-4) is (sizes[0] == sizes[1])
+
+
+@pytest.mark.parametrize(("sizes", "agree"), [((1.0, 1.0), True), ((1.0, 1.2), False)])
+def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(sizes, agree):
+    problem, fit = law_of(sizes, held=(1,))
+    [own] = adequacy.sizes_per_condition(problem, fit, NAME)
+    assert [c.condition for c in own.conditions] == ["0"]
+    assert own.consistent == 1.0
+    [every] = adequacy.sizes_per_condition(problem, fit, NAME, every=True)
+    assert [c.condition for c in every.conditions] == ["0", "1"]
+    assert (every.consistent > 1e-4) is agree
 
 
 def test_a_node_against_its_neighbour_is_no_other_size():

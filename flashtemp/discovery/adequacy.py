@@ -22,20 +22,22 @@ PULL = 4.0  # standard deviations beyond which a calibrated parameter is not wha
 SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
 WORTH = 0.02  # of a gross misfit: what a further cause explains by its trace, lest it mops up what another one left
 SCATTERED = 4.0  # -log10 of the probability that an amplitude scatters so between conditions
+ROUNDED = 1e-6  # ln evidence by which rounding may tell two solutions apart
 TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
 
 def generic(problem: Problem, fit: Fit) -> float:
     """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions.
 
-    0 where nothing slides: two solutions of the same columns differ by rounding, and the gate's limit is 0.
+    0 where nothing slides, or no data fitted feel it: two solutions differ by rounding, and the gate's limit is 0.
     """
-    unnamed = unnamed_heat(fit.system.names)
+    unnamed = unnamed_heat(n for n in fit.system.names if n in fit.system.seen)
     if not unnamed:
         return 0.0
     base = fit.solved(problem, fit.effects)
     wider = fit.solved(problem, fit.effects | unnamed)
-    return wider.solution.ln_evidence - base.solution.ln_evidence
+    gain = wider.solution.ln_evidence - base.solution.ln_evidence
+    return gain if abs(gain) > ROUNDED else 0.0
 
 
 def mode_pulls(fit: Fit) -> float:
@@ -44,14 +46,18 @@ def mode_pulls(fit: Fit) -> float:
     return float(sum((fit.solution[p] / (MODE / p.index[0])) ** 2 for p in modes))
 
 
+def with_all(fit: Fit) -> Fit:
+    """A fit as gates see it: of all data, those held out too.  What was fitted is known within its errors only, and the
+    question is whether one model may explain everything."""
+    if not any(b.held_out for b in fit.blocks):
+        return fit
+    return replace(fit, solution=fit.system.solve(fit.priors, fit.system.total(lambda b: True)))
+
+
 def left_over(fit: Fit) -> float:
-    """Largest excess of a recording or trace, in standard errors of noise alone; of those held out that which a fit of
-    all data leaves, since what was fitted is known within its errors only."""
-    every = fit
-    if any(b.held_out for b in fit.blocks):
-        every = replace(fit, solution=fit.system.solve(fit.priors, fit.system.total(lambda b: True)))
-    own = ((every if b.held_out else fit).excess[b.label] for b in fit.blocks)
-    return max(own, default=0.0)
+    """Largest excess of a recording or trace, in standard errors of noise alone; of those held out `with_all`."""
+    every = with_all(fit).excess
+    return max(((every if b.held_out else fit.excess)[b.label] for b in fit.blocks), default=0.0)
 
 
 def pulls(fit: Fit) -> dict[ParameterId, float]:

@@ -24,6 +24,7 @@ from flashtemp.discovery.wording import called
 
 GENERIC, MODAL, EXCESS = 0.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
 ALLOWED = 3.0  # standard deviations of what was known
+HELD = "held out"  # how the fold of recordings and traces is called that are marked so
 INFLATED = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
 
 Keep = Callable[[Block], bool]
@@ -93,7 +94,7 @@ def left_out(data: Data, fit: Fit) -> LeftOut:
 
 def _folds(system: System) -> dict[str, Keep]:
     if any(b.held_out for b in system.blocks):
-        return {"held out": lambda b: b.held_out}
+        return {HELD: lambda b: b.held_out}
     numbers = sorted({b.condition for b in system.blocks})
     if len(numbers) > 1:
         return {f"condition {n + 1}": _of_condition(n) for n in numbers}
@@ -323,7 +324,8 @@ def _unit(search: Search, key: str) -> str:
 
 def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     """What was checked for adequacy, with its limit: beyond it something is left that has no name."""
-    away = {p: v for p, v in adequacy.pulls(fit).items() if p not in search.problem.loose}
+    seen, every = fit.system.seen, adequacy.pulls(adequacy.with_all(fit))
+    away = {p: v if p in seen else every[p] for p, v in adequacy.pulls(fit).items() if p not in search.problem.loose}
     theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
     sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e, every=True)]

@@ -103,7 +103,7 @@ class Descent:
         short = self.bent or self.history[-1] < ENOUGH  # where traces stay, one look more costs little
         exact = self.rough or self.best is None or self.best.own
         rough = self.rough and self.fit.hopeless
-        if (self.fit.converged and short and exact) or self.back > (ONCE if rough else BACK):
+        if (self.fit.converged and self.fit.placed and short and exact) or self.back > (ONCE if rough else BACK):
             return True
         helps = max(HELPS, LITTLE * self.fit.misfit if rough else 0.0)
         most = (FEW if rough else TRIES) * (2 if self.gained > helps else 1)
@@ -145,7 +145,7 @@ class Descent:
         fit = Fit(
             self.model, tuple(predictions), system, found.solution, found.priors, history, bound, promise,
             vain=gained < VAIN and max(last.fit.promise if last else np.inf, promise) < KNOWN,
-            noisy=gained < VAIN and self.back > 0,
+            noisy=gained < VAIN and self.back > 0, adrift=self._adrift(system, sizes),
         )  # fmt: skip
         contracts = len(history) < 2 or history[-1] < CONTRACTS * history[-2]
         lent = self.parent if contracts and (self.rough or not fit.converged) else None
@@ -156,6 +156,11 @@ class Descent:
         )  # fmt: skip
         return now if now.done else now._onward(fit)
 
+    def _adrift(self, system: System, sizes: dict[ParameterId, float]) -> float:
+        """The longest of steps that only data which are held out ask for."""
+        seen = system.seen
+        return _longest({p: size for p, size in sizes.items() if p not in seen}, SHIFTS)
+
     def _standing(self, system: System, priors: Priors, steps: Collection[ParameterId]) -> tuple[float, float]:
         """ln evidence at the point itself, and chi2 before `steps` are taken: what moves stands still, the rest free.
 
@@ -164,7 +169,7 @@ class Descent:
         may lie anywhere.
         """
         seen = system.seen
-        priors = {p: v for p, v in self._of_views(priors).items() if p in seen}
+        priors = self._of_views({p: v for p, v in priors.items() if p in seen})
         near = {p: (0.0, min(sd, FAINT[p.kind])) for p, (_, sd) in priors.items() if p.kind in FAINT}
         moved = {p for p in (*steps, *map(self._of_the_view, steps)) if p in priors}
         still = {p: (0.0, TIGHT * priors[p][1]) for p in moved}

@@ -13,7 +13,7 @@ import numpy as np
 
 from flashtemp.comparison.campaign import Campaign, View
 from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
-from flashtemp.discovery.assessment import Assessed
+from flashtemp.discovery.assessment import HELD, Assessed
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.hypothesis import Model
@@ -27,7 +27,7 @@ from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import Watch
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore, settled
-from flashtemp.discovery.searched import APART, NAMED, WEAK, Search, all_traces, calibrate
+from flashtemp.discovery.searched import APART, MORE, NAMED, WEAK, Search, all_traces, calibrate
 from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Cause, Found, Held, Verdict
 from flashtemp.discovery.visible import Gain, gain
@@ -252,6 +252,8 @@ def _kind(
     if len(alike) > 1:
         return "group"
     gained = extended.left_out.density.sum() - base.left_out.density.sum()
+    if extended.left_out.labels == (HELD,):  # they need not show it, but may not speak against it
+        return "named" if gained > -MORE else "weak"
     return "named" if gained > 0 or len(base.left_out.density) == 1 else "weak"
 
 

@@ -33,7 +33,7 @@ class Fit:
     `promise` the ln evidence that the last step would still gain, `vain` whether the step before promised as little,
     was taken and did not gain it: where rims of an image come and go, two points point at each other.  `noisy`: points
     as near as numerics can tell apart have less evidence, by more than it promises, or a step lost and a shorter one
-    gained nothing.
+    gained nothing.  `adrift` the longest step that an image held out would still take, which no fit counts.
     """
 
     model: Model
@@ -46,6 +46,7 @@ class Fit:
     promise: float = np.inf
     vain: bool = False
     noisy: bool = False
+    adrift: float = 0.0
 
     @property
     def blocks(self) -> list[Block]:
@@ -60,6 +61,11 @@ class Fit:
     def near(self) -> bool:
         """Whether its best point is near."""
         return self.history[-1] < LOOSE or self.promise < KNOWN or self._noise
+
+    @property
+    def placed(self) -> bool:
+        """Whether images that are held out lie where they are seen."""
+        return self.adrift < LOOSE
 
     @property
     def usable(self) -> bool:

@@ -218,18 +218,21 @@ class System:
         if not any(b.held_out for b in self.blocks):
             return solution
         seen = self.seen
-        own = [i for i, n in enumerate(solution.names) if n not in seen and not n.everywhere]
-        if not own:
+        own = np.flatnonzero([n not in seen and not n.everywhere for n in solution.names])
+        if not len(own):
             return solution
         total, at = self.total(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
+        matrix, others = total.matrix[np.ix_(at, at)], np.setdiff1d(np.arange(len(at)), own)
+        right = total.right[at[own]] - matrix[np.ix_(own, others)] @ solution.d[others]
+        mean, sd = _parts(priors, tuple(solution.names[i] for i in own.tolist()))
+        found = _whole(right, matrix[np.ix_(own, own)], total.square, mean, sd)
+        inverse = sd[:, None] * cho_solve((found.lower, True), np.diag(sd), check_finite=False)
+        follow = -inverse @ matrix[np.ix_(own, others)]  # what is found when what is shared differs by one
         d, covariance = solution.d.copy(), solution.covariance.copy()
-        d[own] = 0.0
-        right = (total.right[at] - total.matrix[np.ix_(at, at)] @ d)[own]
-        mean, sd = _parts(priors, tuple(solution.names[i] for i in own))
-        found = _whole(right, total.matrix[np.ix_(at[own], at[own])], total.square, mean, sd)
-        d[own], covariance[own], covariance[:, own] = found.sd * found.u, 0.0, 0.0
-        inverse = cho_solve((found.lower, True), np.eye(len(own)), check_finite=False)
-        covariance[np.ix_(own, own)] = found.sd[:, None] * inverse * found.sd[None]
+        d[own] = found.sd * found.u
+        covariance[np.ix_(own, others)] = follow @ covariance[np.ix_(others, others)]
+        covariance[np.ix_(others, own)] = covariance[np.ix_(own, others)].T
+        covariance[np.ix_(own, own)] = inverse + covariance[np.ix_(own, others)] @ follow.T
         return replace(solution, d=d, covariance=covariance)
 
     def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:

@@ -94,6 +94,8 @@ def checked(answer: Prediction | FlashtempError) -> Prediction:
 
 def prepare(campaign: Campaign, run: Run) -> Problem:
     """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
+    if campaign.entries and all(entry.held_out for entry in campaign.entries):
+        raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
     campaign = condensed(campaign)
     case = campaign.load({})
     for key in campaign.free:

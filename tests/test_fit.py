@@ -13,20 +13,22 @@ import pytest
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import discover, search
+from flashtemp.discovery.adequacy import pulls
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
 from flashtemp.discovery.floor import LARGEST, LEAST
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import residual
-from flashtemp.discovery.nuisances import MODE, everything
+from flashtemp.discovery.nuisances import GROUPS, MODE, UNSURE, everything, nuisances
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.problem import _untold, prepare
 from flashtemp.discovery.rounds import FAR, _far, _lost, advance, descend
 from flashtemp.discovery.scales import solved
 from flashtemp.discovery.scores import likely, scores
 from flashtemp.discovery.searched import calibrate, traced
 from flashtemp.discovery.starts import _options, by_runs, dragged, typical
+from flashtemp.discovery.wording import taken as taken_words
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.physics.effect import Param, find
@@ -323,6 +325,33 @@ def test_a_cause_against_which_data_left_out_speak_is_weak(labels, gained, kind)
     share = np.full(len(labels), gained / len(labels))
     base, extended = (SimpleNamespace(left_out=SimpleNamespace(labels=labels, density=d)) for d in (0.0 * share, share))
     assert discover._kind(False, {}, (), base, extended, True) == kind
+
+
+def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two):
+    """As exact, an origin that nobody stated left a null unexplained, and optics without blur asked for a late clock."""
+    first, second = two.problem.campaign.views
+    mute = replace(first, recording=replace(first.recording, registration_sigma_px=None, psf_sigma_px=None))
+    exact = replace(second, recording=replace(second.recording, registration_sigma_px=0.0))
+    found = prepare(replace(two.problem.campaign, views=(mute, exact)), two.problem.run)
+    assert found.untold == {mute.file: ("registration_sigma_px", "psf_sigma_px")}
+    taken, told = (v.recording for v in found.campaign.views)
+    assert (taken.registration_sigma_px, taken.psf_sigma_px, told.registration_sigma_px) == (0.5, 0.7, 0.0)
+    spread = [ParameterId(Kind.SPREAD, file=v.file) for v in found.campaign.views]
+    shift = ParameterId(Kind.SHIFT_U, file=mute.file)
+    priors = nuisances(found, [*spread, shift], found.start)
+    assert [priors[p][1] for p in (*spread, shift)] == [UNSURE, GROUPS[Kind.SPREAD], 0.5]
+    solution = replace(two.base.solution, names=tuple(spread), d=np.array([0.4, 0.1]))
+    far = pulls(replace(two.base, priors=priors, solution=solution))
+    assert [far[p] for p in spread] == pytest.approx([1.0, 2.0])
+    said = taken_words(mute.file, found.untold[mute.file])
+    assert said.endswith("its registration_sigma_px and psf_sigma_px (flashtemp import); 0.5 px and 0.7 px were taken")
+    assert not _untold(
+        SimpleNamespace(
+            recording=replace(
+                mute.recording, view="profile", temperature=mute.recording.temperature[:, :1], v=mute.recording.v[:1]
+            )
+        )
+    )
 
 
 def test_something_has_to_be_fitted(two):

@@ -139,6 +139,25 @@ def test_an_image_that_is_held_out_is_followed_to_where_it_is(benchmark, tmp_pat
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("hidden", [{}, {"pressure_tilt": 0.4}])
+def test_cameras_of_which_nothing_is_said_do_for_a_verdict(benchmark, tmp_path, hidden):
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5)
+    laboratory.campaign(tmp_path, hidden, 84, test=test)
+    told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)
+    facts = ("netd_K", "fixed_pattern_K", "psf_sigma_px", "registration_sigma_px", "emissivity", "reflected_degC")
+    nothing = dict.fromkeys(facts)
+    views = [replace(v, sigma_K=None, recording=replace(v.recording, **nothing)) for v in told.views]
+    verdict, _ = discover.discover(replace(told, views=tuple(views)), workers=1)
+    assert [c.effect for c in verdict.causes] == [*hidden], verdict.says
+    assert sum("0.5 px and 0.7 px were taken" in w for w in verdict.warnings) == len(views)
+
+
+@pytest.mark.long
 def test_what_only_data_show_that_are_held_out_is_not_explained(benchmark, tmp_path):
     """A resistance of the contact that falls with speed, seen at one speed alone."""
     verdict = _without(benchmark, tmp_path, "condition2", {"conductance_speed": 1e-4}, {})

@@ -65,7 +65,8 @@ def pulls(fit: Fit) -> dict[ParameterId, float]:
     out = {}
     for p in fit.solution.names:
         mean, sd = fit.priors[p]
-        out[p] = (fit.solution[p] - mean) / GROUPS.get(p.kind, sd)
+        known = sd if p.kind is Kind.SPREAD else GROUPS.get(p.kind, sd)  # not all optics are known alike
+        out[p] = (fit.solution[p] - mean) / known
     return out
 
 

@@ -280,6 +280,7 @@ def _moved(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, flo
 
 def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     out = [f"{file}: left out, it {why}" for file, why in search.refused.items()]
+    out += [wording.taken(file, names) for file, names in search.problem.untold.items()]
     for file, noise in search.data.noises.items():
         if "white" in noise.estimated:
             out.append(

@@ -33,6 +33,7 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
     Kind.SIZE: 0.01,  # length and width of the block
 }
+UNSURE = 0.4  # relative width of optics that a recording does not say
 USUAL = np.array([GROUPS[Kind.SCALE], GROUPS[Kind.TURN]])
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
@@ -86,7 +87,8 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, MODE / p.index[0])
         elif p.kind in GROUPS:
-            out[p] = (0.0, GROUPS[p.kind])
+            unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.untold.get(p.file, ())
+            out[p] = (0.0, UNSURE if unsure else GROUPS[p.kind])
         if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
             out[p] = (0.0, STIFF * out[p][1])
     return out

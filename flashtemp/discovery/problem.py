@@ -29,6 +29,7 @@ SEEN = 0.3  # K: misfits below it are no ground for suspicion
 LEAST = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 FINE = 1e-4
+UNSAID = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not say it
 
 Run = Callable[[list[Task]], Sequence[Prediction | FlashtempError]]
 
@@ -38,7 +39,8 @@ class Problem:
     """What does not change while a campaign is fitted.
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
+    `predict` over tasks and gives failures as answers; `untold` {recording: what of UNSAID it does not say};
+    `loose` errors of the laboratory whose prior is widened;
     `stiff`: images, clocks and the block may hardly be elsewhere than where they are.  Images that were seen to lie far
     from where they are told to begin at their `places` and `shifts`.
     """
@@ -50,6 +52,7 @@ class Problem:
     left: dict[str, str]
     run: Run
     case: Case
+    untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
     loose: frozenset[ParameterId] = frozenset()
     stiff: bool = False
     places: dict[str, Place] = field(default_factory=dict)
@@ -96,7 +99,8 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
     """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
         raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
-    campaign = condensed(campaign)
+    untold = {v.file: missing for v in campaign.views if (missing := _untold(v))}
+    campaign = condensed(replace(campaign, views=tuple(map(_told, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]
@@ -108,7 +112,20 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
-    return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case)
+    return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold)
+
+
+def _untold(view: View) -> tuple[str, ...]:
+    """What an image does not say of its camera: where it lies is known to no one exactly, and all optics blur."""
+    if view.recording.view not in ("sidewall", "wake"):
+        return ()
+    return tuple(name for name in UNSAID if getattr(view.recording, name) is None)
+
+
+def _told(view: View) -> View:
+    """A view with what is usual for what it does not say."""
+    usual: dict[str, Any] = {name: UNSAID[name] for name in _untold(view)}
+    return replace(view, recording=replace(view.recording, **usual)) if usual else view
 
 
 def may_move(campaign: Campaign, case: Case, key: str) -> None:

@@ -11,6 +11,7 @@ from flashtemp.discovery.adequacy import PULL
 from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.laboratory import UNUSUAL
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
+from flashtemp.discovery.problem import UNSAID
 from flashtemp.discovery.searched import NAMED, WEAK
 from flashtemp.discovery.verdict import Cause, LearnedLaw, Verdict
 from flashtemp.physics.effect import Effect
@@ -267,6 +268,16 @@ def instead(c: Cause, gain: float) -> str:
         f"The catalogue's best, {c.effect}, explains less (by a ln Bayes factor of {gain:.0f}), and conditions do not "
         f"agree on its strength (by chance so with a probability of {c.consistent:.1g})."
     )
+
+
+def taken(file: str, names: tuple[str, ...]) -> str:
+    """What was taken for what a recording does not say of its camera."""
+    values = " and ".join(f"{UNSAID[name]:g} px" for name in names)
+    return f"{file}: it does not say its {' and '.join(names)} (flashtemp import); {values} {_was(len(names))} taken"
+
+
+def _was(count: int) -> str:
+    return "was" if count == 1 else "were"
 
 
 def not_settled(names: frozenset[str], gain: float) -> str:

@@ -404,6 +404,19 @@ def test_nothing_speaks_for_a_law_where_nothing_is_hidden(benchmark):
     assert found["beyond"] <= 0.005 * found["draws"]
 
 
+@pytest.mark.parametrize(("held", "nodes"), [((), 2), ((1,), 0)])
+def test_a_law_reaches_over_what_was_fitted(held, nodes):
+    """Walls cooled as sqrt(v), all of one speed held out: cooling fell to 0 at that speed, 0 to 47 W/m2K."""
+    schedule = SimpleNamespace(wait=0.0, repetitions=1)
+    scenes = [SimpleNamespace(speeds=(v, v), schedule=schedule) for v in (0.1, 0.3)]
+    conditions = [SimpleNamespace(given={"number": n}, entries=[SimpleNamespace(held_out=n in held)]) for n in (0, 1)]
+    case = SimpleNamespace(with_values=lambda given: SimpleNamespace(scene=scenes[given["number"]]))
+    problem = SimpleNamespace(conditions=conditions, pins=({}, {}), case=case)
+    search = SimpleNamespace(problem=problem, base=SimpleNamespace(predictions=[SimpleNamespace(run=None)] * 2))
+    film = next(q for q in UNKNOWNS if q.how == "film")
+    assert len(learning._nodes(search, film, ARGUMENTS["speed"])) == nodes
+
+
 def test_nodes_between_nodes():
     law = Law(*pair("friction", "temperature"), spread(20, 60), (0.0, 1.0, 2.0, 3.0, 4.0))
     assert len(law.finer) == 9

@@ -188,9 +188,10 @@ def _laws(search: Search) -> Iterator[Law]:
 
 
 def _nodes(search: Search, unknown: Unknown, argument: Argument) -> tuple[float, ...]:
-    """Where a law over an argument has its nodes; none where it does not vary."""
-    runs = [p.run for p in search.base.predictions]
-    scenes = [c.scene for c in _cases(search.problem)]
+    """Where a law over an argument has its nodes; none where it does not vary among conditions that are fitted."""
+    fitted = [any(not e.held_out for e in c.entries) for c in search.problem.conditions]
+    runs = [p.run for p, is_so in zip(search.base.predictions, fitted, strict=True) if is_so]
+    scenes = [c.scene for c, is_so in zip(_cases(search.problem), fitted, strict=True) if is_so]
     if argument.name == "temperature":
         return _ranged([r.T_spot for r in runs], RISE)
     if argument.name == "inside":

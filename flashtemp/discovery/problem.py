@@ -39,10 +39,10 @@ class Problem:
     """What does not change while a campaign is fitted.
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers; `untold` {recording: what of UNSAID it does not say};
-    `loose` errors of the laboratory whose prior is widened;
+    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
     `stiff`: images, clocks and the block may hardly be elsewhere than where they are.  Images that were seen to lie far
-    from where they are told to begin at their `places` and `shifts`.
+    from where they are told to begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not
+    say}.
     """
 
     campaign: Campaign
@@ -52,11 +52,11 @@ class Problem:
     left: dict[str, str]
     run: Run
     case: Case
-    untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
     loose: frozenset[ParameterId] = frozenset()
     stiff: bool = False
     places: dict[str, Place] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
+    untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
         """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
@@ -112,7 +112,7 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
-    return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold)
+    return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold=untold)
 
 
 def _untold(view: View) -> tuple[str, ...]:

@@ -46,6 +46,10 @@ class Score:
     def effect(self) -> str:
         return self.candidate.effect
 
+    def traced(self, fit: Fit) -> bool:
+        """Whether a fit has its traces."""
+        return all(p in fit.system.index for p in self.traces)
+
     @property
     def traces(self) -> dict[ParameterId, float]:
         """Columns in the best variant, with their typical strengths."""
@@ -90,9 +94,10 @@ def scores(problem: Problem, fit: Fit, tried: Sequence[Candidate]) -> tuple[Scor
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
 
-def likely(problem: Problem, before: Fit, found: Fit, tried: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates whose traces at the fit `before` may explain any of what is left where effects were `found`: those
-    effects bend them, but from less than nothing they make no cause."""
+def likely(problem: Problem, before: Fit, found: Fit, ranked: Sequence[Score]) -> tuple[Candidate, ...]:
+    """Candidates whose traces at the fit `before`, where they were `ranked`, may explain any of what is left where
+    effects were `found`: those effects bend them, but from less than nothing they make no cause.  What does nothing
+    there they may awaken, as a peak of the pressure does wear."""
     shown = before.system.shown({b.label: b.r for b in found.blocks})
     at, equations = replace(before, model=found.model, system=shown), shown.total()
 
@@ -100,11 +105,12 @@ def likely(problem: Problem, before: Fit, found: Fit, tried: Sequence[Candidate]
         more = {p: (0.0, abs(a)) for p, a in traces.items() if p in shown.index}
         return at.solved(problem, more, equations).solution.ln_evidence
 
+    tried, asleep = [s.candidate for s in ranked], {s.effect for s in ranked if s.traced(before) and s.seen < SEEN}
     own = {p: a for c in tried if c.effect in found.model.effects for p, a in _traces(c, 0).items()}
     alone = solved(own)
     others = [c for c in tried if c.effect not in found.model.effects]
     gains = {c.effect: max(solved(own | _traces(c, v)) for v in range(len(c.variants))) - alone for c in others}
-    return tuple(c for c in others if gains[c.effect] > UNLIKELY)
+    return tuple(c for c in others if gains[c.effect] > UNLIKELY or c.effect in asleep)
 
 
 def _traces(c: Candidate, variant: int) -> dict[ParameterId, float]:

@@ -54,7 +54,7 @@ def explore(calibrated: Calibrated, watch: Watch = lambda text: None) -> Search:
                 return _once_more(search, calibrated, watch)
         if found is None:
             return put_right(_sure(search, watch), watch)
-        more = likely(search.problem, search.best, found, problem.tried)
+        more = likely(search.problem, search.best, found, ranked)
         best = traced(search.problem, search.data, found, watch, among=more)
         search = replace(search, best=best, fits=search.fits | {frozenset(found.model.effects): best})
         if len(found.model.effects) >= MOST:

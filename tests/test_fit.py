@@ -12,7 +12,7 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import discover, search
+from flashtemp.discovery import search
 from flashtemp.discovery.adequacy import pulls
 from flashtemp.discovery.calibration import Descent
 from flashtemp.discovery.fit import ENOUGH
@@ -314,17 +314,6 @@ def test_a_fit_is_not_done_while_an_image_held_out_still_moves(two, adrift, done
     assert fit.converged
     descent = Descent(two.problem, two.data, fit.model, history=fit.history, fit=fit)
     assert descent.done is done
-
-
-@pytest.mark.parametrize(("labels", "gained", "kind"), [
-    (("held out",), 5.0, "named"), (("held out",), -1.0, "named"), (("held out",), -5.0, "weak"),
-    (("wall.nc",), -5.0, "named"), (("condition 1", "condition 2"), -1.0, "weak"),
-])  # fmt: skip
-def test_a_cause_against_which_data_left_out_speak_is_weak(labels, gained, kind):
-    """What is held out need not show it; a single recording has nothing to be left out of."""
-    share = np.full(len(labels), gained / len(labels))
-    base, extended = (SimpleNamespace(left_out=SimpleNamespace(labels=labels, density=d)) for d in (0.0 * share, share))
-    assert discover._kind(False, {}, (), base, extended, True) == kind
 
 
 def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two):

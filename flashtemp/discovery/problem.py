@@ -116,7 +116,7 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
 
 
 def _untold(view: View) -> tuple[str, ...]:
-    """What an image does not say of its camera: where it lies is known to no one exactly, and all optics blur."""
+    """What an image does not say of its camera: nobody knows exactly where it lies, and no optics are sharp."""
     if view.recording.view not in ("sidewall", "wake"):
         return ()
     return tuple(name for name in UNSAID if getattr(view.recording, name) is None)

@@ -97,7 +97,7 @@ def scores(problem: Problem, fit: Fit, tried: Sequence[Candidate]) -> tuple[Scor
 def likely(problem: Problem, before: Fit, found: Fit, ranked: Sequence[Score]) -> tuple[Candidate, ...]:
     """Candidates whose traces at the fit `before`, where they were `ranked`, may explain any of what is left where
     effects were `found`: those effects bend them, but from less than nothing they make no cause.  What does nothing
-    there they may awaken, as a peak of the pressure does wear."""
+    there they may awaken."""
     shown = before.system.shown({b.label: b.r for b in found.blocks})
     at, equations = replace(before, model=found.model, system=shown), shown.total()
 

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from flashtemp.discovery import assessment
+from flashtemp.discovery.assessment import HELD
 from flashtemp.discovery.discover import _kind
 from flashtemp.discovery.parameters import ParameterId
 
 
-def assessed(*density: float):
-    return N(left_out=N(density=np.array(density)))
+def assessed(*density: float, labels=()):
+    return N(left_out=N(density=np.array(density), labels=labels))
 
 
 CALM, SHUT = {"pulls": (1.0, 3.0)}, {"pulls": (4.0, 3.0)}
 WORSE, BETTER = assessed(-10.0, -12.0), assessed(-5.0, -6.0)
+UNLIKE, ALIKE, LIKE = (assessed(x, labels=(HELD,)) for x in (-15.0, -11.0, -5.0))  # of what is held out
 
 
 @pytest.mark.parametrize(
@@ -28,6 +30,9 @@ WORSE, BETTER = assessed(-10.0, -12.0), assessed(-5.0, -6.0)
         (False, CALM, ("a",), WORSE, BETTER, True, "named"),
         (False, CALM, ("a",), BETTER, WORSE, True, "weak"),
         (False, CALM, ("a",), assessed(-5.0), assessed(-9.0), True, "named"),  # one fold alone says nothing
+        (False, CALM, ("a",), assessed(-10.0, labels=(HELD,)), LIKE, True, "named"),
+        (False, CALM, ("a",), assessed(-10.0, labels=(HELD,)), ALIKE, True, "named"),  # it need not show the cause
+        (False, CALM, ("a",), assessed(-10.0, labels=(HELD,)), UNLIKE, True, "weak"),  # but may not speak against it
         (False, CALM, ("a", "b"), WORSE, BETTER, True, "group"),
         (False, SHUT, ("a",), WORSE, BETTER, True, "unexplained"),
         (True, SHUT, (), WORSE, WORSE, False, "unexplained"),

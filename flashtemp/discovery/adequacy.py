@@ -31,7 +31,8 @@ def generic(problem: Problem, fit: Fit) -> float:
 
     0 where nothing slides, or no data fitted feel it: two solutions differ by rounding, and the gate's limit is 0.
     """
-    unnamed = unnamed_heat(n for n in fit.system.names if n in fit.system.seen)
+    seen = fit.system.seen
+    unnamed = unnamed_heat(n for n in fit.system.names if n in seen)
     if not unnamed:
         return 0.0
     base = fit.solved(problem, fit.effects)
@@ -54,10 +55,9 @@ def with_all(fit: Fit) -> Fit:
     return replace(fit, solution=fit.system.solve(fit.priors, fit.system.total(lambda b: True)))
 
 
-def left_over(fit: Fit) -> float:
-    """Largest excess of a recording or trace, in standard errors of noise alone; of those held out `with_all`."""
-    every = with_all(fit).excess
-    return max(((every if b.held_out else fit.excess)[b.label] for b in fit.blocks), default=0.0)
+def left_over(fit: Fit, every: Fit) -> float:
+    """Largest excess of a recording or trace, in standard errors of noise alone; of those held out by `every` datum."""
+    return max(((every if b.held_out else fit).excess[b.label] for b in fit.blocks), default=0.0)
 
 
 def pulls(fit: Fit) -> dict[ParameterId, float]:

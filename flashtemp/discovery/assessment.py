@@ -324,8 +324,9 @@ def _unit(search: Search, key: str) -> str:
 
 def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
     """What was checked for adequacy, with its limit: beyond it something is left that has no name."""
-    seen, every = fit.system.seen, adequacy.pulls(adequacy.with_all(fit))
-    away = {p: v if p in seen else every[p] for p, v in adequacy.pulls(fit).items() if p not in search.problem.loose}
+    seen, every = fit.system.seen, adequacy.with_all(fit)
+    pulled = adequacy.pulls(every) | {p: v for p, v in adequacy.pulls(fit).items() if p in seen}
+    away = {p: v for p, v in pulled.items() if p not in search.problem.loose}
     theta = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     camera = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY), default=0.0)
     sizes = [s for e in fit.model.effects for s in adequacy.sizes_per_condition(search.problem, fit, e, every=True)]
@@ -338,5 +339,5 @@ def gates(search: Search, fit: Fit) -> dict[str, tuple[float, float]]:
         "pressure of any shape (chi2 of modes)": (adequacy.mode_pulls(fit), MODAL),
         "calibrated parameters (standard deviations)": (theta, adequacy.PULL),
         "camera and friction scatter (standard deviations)": (camera, 2.0 * adequacy.PULL),
-        "noise left over (standard errors of chi2)": (adequacy.left_over(fit), EXCESS),
+        "noise left over (standard errors of chi2)": (adequacy.left_over(fit, every), EXCESS),
     }

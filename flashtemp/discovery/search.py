@@ -212,8 +212,10 @@ def _run(search: Search, descents: list[Descent], watch: Watch, first: bool = Fa
     watch(f"fitting {', '.join(' with '.join(d.model.effects) for d in descents)}")
     fits, failed, ended = dict(search.fits), search.failed, dict(search.ended)
     before = descend(search.problem, descents[:1], watch) if first else []
-    lent = [d.fit for d in before if d.fit is not None and d.fit.usable and not d.fit.hopeless]
-    after = [replace(d, parent=fit) for d in descents[1:] for fit in lent] if lent else descents[len(before) :]
+    after = descents[len(before) :]
+    for d in before:
+        if d.fit is not None and d.fit.usable and not d.fit.hopeless:
+            after = [replace(other, parent=d.fit) for other in after]
     for d in descend(search.problem, [*before, *after], watch, HOPELESS):
         names = frozenset(d.model.effects)
         if d.fit is None:

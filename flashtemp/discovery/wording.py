@@ -272,12 +272,8 @@ def instead(c: Cause, gain: float) -> str:
 
 def taken(file: str, names: tuple[str, ...]) -> str:
     """What was taken for what a recording does not say of its camera."""
-    values = " and ".join(f"{UNSAID[name]:g} px" for name in names)
-    return f"{file}: it does not say its {' and '.join(names)} (flashtemp import); {values} {_was(len(names))} taken"
-
-
-def _was(count: int) -> str:
-    return "was" if count == 1 else "were"
+    values, verb = " and ".join(f"{UNSAID[name]:g} px" for name in names), "was" if len(names) == 1 else "were"
+    return f"{file}: it does not say its {' and '.join(names)} (flashtemp import); {values} {verb} taken"
 
 
 def not_settled(names: frozenset[str], gain: float) -> str:

@@ -3,6 +3,7 @@
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
     python benchmarks/independent.py run 900 920 fixed.jsonl small shorter, fewer candidates, as the tests have them
     python benchmarks/independent.py run 5000 5300 found.jsonl held of each one image, or one condition, is held out
+    python benchmarks/independent.py run 5000 5300 found.jsonl varied another block, road, schedule and camera in each
     python benchmarks/independent.py table found.jsonl
 
 Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
@@ -62,7 +63,38 @@ def without_some(campaign, seed: int):
     return replace(campaign, views=tuple(map(marked, campaign.views)), forces=tuple(map(marked, campaign.forces)))
 
 
-def one(seed: int, small: bool = False, held: bool = False) -> dict:
+def programme(seed: int):
+    """A block on a road, a schedule and cameras as drawn from the seed; half of all have thermocouples."""
+    from truth.laboratory import Programme
+    from truth.sliding import Pair
+
+    rng = np.random.default_rng([seed, 181])
+
+    def within(low: float, high: float, digits: int = 3) -> float:
+        return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.{digits}g}")
+
+    length, height = within(0.012, 0.05), within(0.005, 0.015)
+    pair = Pair(
+        length=length, height=height, width=within(0.03, 0.09), diameter=within(1.5e-3, 5e-3), k=within(0.2, 0.45),
+        rc=1700.0 * within(1050.0, 1250.0), road_k=within(0.8, 2.5), road_rc=950.0 * within(1900.0, 2600.0),
+    )  # fmt: skip
+    pressure, speed = within(0.6e5, 3e5), within(0.05, 0.3)
+    conditions = [(pressure, speed), (pressure * within(0.4, 1.0, 2), speed * within(1.5, 4.0, 2))]
+    if rng.uniform() < 0.3:
+        conditions.append((conditions[1][0], speed))
+    beads = [(rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.6)) for _ in range(rng.integers(2, 6))]
+    taken = np.linspace(within(0.15, 0.3), 0.9, int(rng.integers(2, 6)))
+    return Programme(
+        distance=max(within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)), wait=within(3.0, 20.0),
+        columns=int(np.clip(round(length / 2.5e-4), 60, 140)), convection=within(6.0, 25.0, 2),
+        conditions=tuple(conditions), pair=pair, mu=within(0.5, 1.3, 2), fraction=within(0.08, 0.4, 2),
+        netd=within(0.03, 0.1, 2), taken=tuple(taken),
+        pitch={"sidewall": within(1.5e-4, 5e-4, 2), "wake": within(3e-4, 1e-3, 2)}, behind=within(0.015, 0.05, 2),
+        beads=tuple(beads) if rng.uniform() < 0.5 else (), lag=within(0.1, 1.0, 2),
+    )  # fmt: skip
+
+
+def one(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from truth import laboratory
 
@@ -76,6 +108,7 @@ def one(seed: int, small: bool = False, held: bool = False) -> dict:
     beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
         test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
+        test = programme(seed) if varied else test
         truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
@@ -108,16 +141,16 @@ def _record(verdict, search, plan: dict, hidden: dict) -> dict:
     }  # fmt: skip
 
 
-def run(first: int, last: int, file: Path, small: bool = False, held: bool = False) -> None:
+def run(first: int, last: int, file: Path, **how: bool) -> None:
     """All seeds first..last-1 that the file does not hold yet, one after the other."""
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed in done:
             continue
         try:
-            found = one(seed, small, held)
+            found = one(seed, **how)
         except Exception:  # a failure is a result too
-            found = draw(seed, small) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+            found = draw(seed, how.get("small", False)) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
         with file.open("a") as out:
             out.write(json.dumps(found, default=float) + "\n")
         named = [c["effect"] for c in found.get("causes", [])]
@@ -174,8 +207,7 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "run":
-        run(
-            int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *(word in sys.argv[5:] for word in ("small", "held"))
-        )
+        how = {word: word in sys.argv[5:] for word in ("small", "held", "varied")}
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), **how)
     else:
         table(Path(sys.argv[2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
@@ -91,6 +92,35 @@ def test_both_arcs_and_the_chips_give_what_they_say(tmp_path, lab):
     assert abs(found.energy_imbalance) < 1e-13
     face = found.maps["T_block"][-1].reshape(-1, 8)
     assert (face[:, -1] > face[:, 0]).all()  # tilted towards y > 0
+
+
+def test_what_bites_at_first_and_what_heaps_up_is_its_integral_over_time_and_face(tmp_path, lab):
+    """Error functions along x, Gauss points across, a fine sum over time; and more of it on the side where it bites."""
+    own = {
+        "speed": SPEED, "width": WIDTH, "strength": STRENGTH, "enters": 5.0, "radius": 0.01, "edges": 0.5,
+        "chips": 0.6, "chips_width": 3e-3, "chips_ahead": 0.005, "chips_rise": 8.0, "chips_tilt": 0.3,
+        "bite": 4.0, "bite_length": 5e-3, "bite_tilt": -1.0,
+    }  # fmt: skip
+    given = {"schedule.alone": 45.0, "numerics.across": 8, "numerics.rtol": 1e-4, "numerics.cells": [40, 6, 3]}
+    found = run(tmp_path, own | given)
+
+    def on_the_block(centre, width):
+        return ndtr((L - centre) / width) - ndtr(-centre / width)
+
+    t = np.linspace(0.0, 45.0, 45001)[:, None]
+    e, share = np.polynomial.legendre.leggauss(16)
+    come = SPEED * (t - 5.0)
+    begun = np.maximum(t - 5.0, 0.0)
+    bend = 0.01 - np.sqrt(0.01**2 - (e * W / 2) ** 2)
+    more = 1.0 + 4.0 * (1.0 - e) * np.exp(-SPEED * begun / 5e-3)
+    arc = (1.0 + 0.5 * (e * e - 1 / 3)) * more * on_the_block(come - bend, WIDTH)
+    chips = 0.6 * (1.0 + 0.3 * e) * (1.0 - np.exp(-begun / 8.0)) * on_the_block(come + 0.005, 3e-3)
+    exact = STRENGTH * np.trapezoid(0.5 * (arc + chips) @ share, t[:, 0])
+    lab.check("heat of a pass that bites, relative", abs(found.energy["block"][-1] / exact - 1.0), 5e-3)
+    assert exact > 1.05 * STRENGTH * np.trapezoid(0.5 * (arc / more + chips) @ share, t[:, 0])  # the bite is seen
+    early, plain = (run(tmp_path, own | given | {"schedule.alone": 7.0, "bite": b}) for b in (4.0, 0.0))
+    face = (early.maps["T_block"][-1] - plain.maps["T_block"][-1]).reshape(-1, 8)
+    assert face[0, 0] > 2.0 * face[0, -1] > 0.0  # the second is what was conducted
 
 
 def test_a_round_tool_comes_to_the_side_walls_later(tmp_path):

@@ -232,9 +232,13 @@ def test_dates_and_times_of_loggers_are_read_as_they_write_them(tmp_path, rows, 
 
 
 def test_places_may_have_units(tmp_path):
-    told = logged(tmp_path, "0;20;21\n1;22;23\n", "name,x,z,lag_s\na,10 mm,2mm,500 ms\nb,0.02,-1 mm,0.1\n")
+    told = logged(
+        tmp_path, "0;20;21\n1;22;23\n", "name,x,z,lag_s,depth_sigma_m\na,10 mm,2mm,500 ms,1 mm\nb,0.02,-1 mm,0.1,2e-4\n"
+    )
     places = flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told).recording.places.as_rows()
-    assert [(p["x"], p["z"], p["lag_s"]) for p in places] == [(0.01, 0.002, 0.5), (0.02, -0.001, 0.1)]
+    assert [(p["x"], p["z"], p["lag_s"], p["depth_sigma_m"]) for p in places] == [
+        (0.01, 0.002, 0.5, 1e-3), (0.02, -0.001, 0.1, 2e-4),
+    ]  # fmt: skip
     (tmp_path / "places.csv").write_text("name,x,z\na,10 s,0.002\n")
     with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is no quantity in m"):
         flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
@@ -360,6 +364,60 @@ def test_the_next_thermocouple_belongs_where_the_unknown_heat_goes(tmp_path):
     assert best.z_left["holder_sink"] > 2.0 * outlook.sensors[-1].z_left["holder_sink"]
     assert "next thermocouple at x = 25 mm, z = 11.2 mm" in str(outlook)
     assert not outlook.experiments or all("speed" not in e.words for e in outlook.experiments)
+
+
+# --- time constants ---------------------------------------------------------------------------------------
+def slow(folder, known, truth=6.0, told=2.0):
+    """A campaign of two beads in a slab that is stepped by 100 K, the first slower than told, by the closed form."""
+    case = write(folder, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\nback = [[0.0, 20.0]]\n")
+    case.write_text(case.read_text().replace("4, 80, 4", "3, 40, 3").replace("1e-6", "1e-5"))
+    t, z = np.arange(10.0, 300.0, 5.0), (0.003, 0.006)
+    T = np.stack([20.0 + 100.0 * stepped([h], t, lag)[:, 0] for h, lag in zip(z, (truth, told), strict=True)], axis=1)
+    T += 0.05 * np.random.default_rng(3).normal(size=T.shape)
+    np.savetxt(folder / "t.csv", np.column_stack([t, T]), delimiter=",")
+    points = ", ".join(
+        f'{{ name = "{n}", x = 0.025, z = {h}, lag_s = {told}, lag_sigma_s = {known} }}'
+        for n, h in zip("ab", z, strict=True)
+    )
+    (folder / "campaign.toml").write_text(
+        'case = "case.toml"\ncandidates = ["conductivity_slope"]\n[[recording]]\nview = "points"\n'
+        f'file = "t.csv"\npoints = [{points}]\nsigma_K = 0.05\n'
+    )
+    return campaign.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("truth", "told"),
+    [(1.0, 0.0), pytest.param(6.0, 2.0, marks=pytest.mark.long), pytest.param(0.0, 1.0, marks=pytest.mark.long)],
+)
+def test_a_time_constant_is_calibrated_within_what_is_known_of_it(tmp_path, truth, told):
+    """Found within three standard errors, from and down to none at all, and told in the verdict."""
+    verdict = flashtemp.discover(slow(tmp_path, 3.0, truth, told), out=tmp_path / "found", workers=1)
+    known = {p.name: p for p in verdict.nuisance}
+    a, b = known["time constant of point a"], known["time constant of point b"]
+    assert abs(a.value - (truth - told)) < 3.0 * a.stderr
+    assert abs(b.value) < 3.0 * b.stderr
+    assert max(a.stderr, b.stderr) < 0.3
+    assert a.unit == "s"
+    assert verdict.kind == "none_needed"
+    assert verdict.base.rmse_K < 0.06
+    assert "time constant of point a" in (tmp_path / "found" / "verdict.json").read_text()
+
+
+def test_twins_are_late_by_what_is_drawn_and_never_early(tmp_path):
+    recording = slow(tmp_path, 3.0, told=1.0).views[0].recording
+    drawn = [synthetic.draw(recording, np.random.default_rng(s), 1.0).lags for s in range(200)]
+    assert np.std(drawn) == pytest.approx(3.0, rel=0.15)
+    scene = load(tmp_path / "case.toml").scene
+    times = tuple(asked(recording.places, recording.time).tolist())
+    run = march(scene, replace(load(tmp_path / "case.toml").settings, times=times, fields=2))
+    shown = {}
+    for lags in ((0.0, 5.0), (-1.0, 0.0), (-9.0, 0.0)):
+        faults = synthetic.Faults((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
+        shown[lags] = synthetic.expose(run, scene, recording, faults, np.random.default_rng(1)).temperature[:, 0]
+    assert np.array_equal(shown[-1.0, 0.0], shown[-9.0, 0.0])  # as fast as can be
+    late = 100.0 * (stepped([0.006], recording.time, 6.0) - stepped([0.006], recording.time, 1.0))[:, 0]
+    assert (shown[0.0, 5.0] - shown[-1.0, 0.0])[:, 1] == pytest.approx(late, abs=0.05)
 
 
 # --- gains ----------------------------------------------------------------------------------------------

@@ -22,14 +22,9 @@ from flashtemp.comparison.compare import compare
 
 EXACT = Errors(size=0.0, pattern=(0.0, 0.0))
 CALM = Programme(
-    convection=1e-3, mesh=1.0
+    convection=1e-3, mesh=1.0, netd=1e-6
 )  # walls that lose nothing: how much cooler they are is a closure good to 12 %
-SHORT = Programme(0.3, wait=2.0, columns=60, convection=1e-3, mesh=1.2, conditions=((1.5e5, 0.3),))
-
-
-@pytest.fixture
-def quiet(monkeypatch):
-    monkeypatch.setattr(laboratory, "NETD", 1e-6)
+SHORT = Programme(0.3, wait=2.0, columns=60, convection=1e-3, mesh=1.2, netd=1e-6, conditions=((1.5e5, 0.3),))
 
 
 def test_truth_imports_nothing_of_flashtemp():
@@ -66,12 +61,10 @@ def check_agrees(folder, hidden, test, share, known=""):
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("quiet")
 def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
     check_agrees(tmp_path, {}, SHORT, 1e-3)
 
 
-@pytest.mark.usefixtures("quiet")
 @pytest.mark.parametrize(("strength", "repetitions"), [(1.0, 2), (0.4, 3)])
 def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path, strength, repetitions):
     """In the wake too, and from the first road of a repetition on, which lay around the block when that began; of what
@@ -81,7 +74,6 @@ def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path, st
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("quiet")
 def test_nothing_hidden_compares_within_a_thousandth(tmp_path):
     check_agrees(tmp_path, {}, CALM, 1e-3)
 
@@ -95,9 +87,18 @@ EFFECTS = {
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("quiet")
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_an_effect_in_both_compares_as_nothing_hidden_does(tmp_path, effect):
     """What is hidden in the truth is the effect of that name, told the same size."""
     key, size = EFFECTS[effect]
     check_agrees(tmp_path, {effect: size}, CALM, 1e-3, f"[{effect}]\n{key} = {size}\n")
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5])
+def test_thermocouples_compare_as_images_do(tmp_path, lag):
+    """In a block of another size and kind on another road, four beads, at once and late."""
+    pair = Pair(length=0.032, height=0.009, k=0.33, rc=1.7e6, road_k=1.8, road_rc=1.9e6, diameter=2e-3)
+    beads = ((0.2, 0.15), (0.8, 0.15), (0.5, 0.4), (0.9, 0.7))
+    test = replace(SHORT, pair=pair, fraction=0.3, mu=0.8, beads=beads, lag=lag, wait=4.0, mesh=1.0)
+    found = check_agrees(tmp_path, {}, test, 2e-3)
+    assert len(found.seeings) == 3

@@ -28,7 +28,6 @@ STAMP = re.compile(
     r"""(?P<clock>\d\d:\d\d:\d\d(?:[.,]\d{1,9})?)"?""",
     re.MULTILINE,
 )
-IN = {"x": "m", "y": "m", "z": "m", "lag_s": "s", "place_sigma_m": "m"}  # units of places
 SECONDS = 12  # digits that a moment in microseconds has more than
 COLUMNS = ("column", "name", *KEYS)
 ASK = f"--places FILE.csv with a line of names among {','.join(COLUMNS)} and a line per thermocouple (m, s)"
@@ -148,9 +147,9 @@ def _wired(file: Path) -> Wired:
 
 def _number(where: str, row: int, key: str, cell: str) -> float:
     value = bounded_reading.number(cell)
-    if value is None and key in IN and units.meant(cell):
+    if value is None and key in KEYS and units.meant(cell):
         try:
-            value = units.plain(cell, IN[key])
+            value = units.plain(cell, KEYS[key][0], difference=True)
         except BadInput as fault:
             raise BadInput(f"{where}: thermocouple {row}: {key}: {fault}") from fault
     if value is None or not np.isfinite(value):

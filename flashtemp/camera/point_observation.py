@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import solve_banded
 
 from flashtemp.camera.points import Places
 from flashtemp.errors import BadInput
@@ -17,7 +18,8 @@ NEAR = 0.2  # of a time constant: readings closer together need no further ones 
 
 def asked(places: Places, times: np.ndarray) -> np.ndarray:
     """Moments (s) at which a run must keep its field for readings at `times` (s): those, and what a lag remembers."""
-    lags = np.unique(places.lag_s[places.lag_s > 0])
+    lags = np.unique(np.maximum(places.lag_s, places.lag_sigma_s))
+    lags = lags[lags > 0]
     more = np.concatenate([times, *(times - w * lag for lag in lags for w in WINDOW)])
     more = np.unique(more[more > 0])
     if not len(lags):
@@ -36,9 +38,10 @@ def readings(run, places: Places, times: np.ndarray) -> np.ndarray:
     T = _fields(run, places)
     shown = between(T, kept, times)
     fine = np.unique(np.concatenate([kept[:-1] + f * np.diff(kept) for f in np.arange(PARTS) / PARTS] + [kept[-1:]]))
-    for j in np.flatnonzero(places.lag_s > 0):
-        late = delayed(fine, PchipInterpolator(kept, T[:, j])(fine), float(places.lag_s[j]))
-        shown[:, j] = np.interp(times, fine, late)
+    for j in np.flatnonzero(places.lag_s):
+        smooth, lag = PchipInterpolator(kept, T[:, j])(fine), float(places.lag_s[j])
+        late = delayed(fine, smooth, abs(lag)) - smooth
+        shown[:, j] = np.interp(times, fine, smooth + np.sign(lag) * late)  # below zero, where fits may stray: early
     return shown
 
 
@@ -48,12 +51,12 @@ def delayed(time: np.ndarray, T: np.ndarray, lag: float) -> np.ndarray:
     >>> delayed(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 1.0).round(6).tolist()  # t - lag (1 - exp(-t/lag))
     [0.0, 0.367879]
     """
-    shown = np.array(T, dtype=float)
-    for i in range(1, len(time)):
-        step = time[i] - time[i - 1]
-        slope, fade = (T[i] - T[i - 1]) / step, np.exp(-step / lag)
-        late = T[i - 1] - lag * slope
-        shown[i] = T[i] - lag * slope + (shown[i - 1] - late) * fade
+    T = np.asarray(T, dtype=float)
+    step = np.diff(time)
+    fade, late = np.exp(-step / lag), lag * np.diff(T) / step
+    own = np.concatenate([T[:1], T[1:] - late - (T[:-1] - late) * fade])  # S[i] - fade S[i-1]
+    both = np.vstack([np.ones(len(T)), np.append(-fade, 0.0)])
+    shown: np.ndarray = solve_banded((1, 0), both, own)
     return shown
 
 

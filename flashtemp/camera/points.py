@@ -16,6 +16,7 @@ KEYS = {  # of one point: unit, lowest, highest value, default
     "y": ("m", -10.0, 10.0, 0.0),
     "z": ("m", -10.0, 1.0, None),
     "lag_s": ("s", 0.0, 1e4, 0.0),
+    "lag_sigma_s": ("s", 0.0, 1e4, 0.0),
     "place_sigma_m": ("m", 0.0, 0.1, 0.0),
     "depth_sigma_m": ("m", 0.0, 0.1, None),
     "gain_sigma": ("1", 0.0, 0.2, 0.0),
@@ -27,8 +28,8 @@ FOLLOWS = {"depth_sigma_m": "place_sigma_m"}  # what a key is where it is not gi
 @dataclass(frozen=True, eq=False)
 class Places:
     """Points (n,): `x` from the leading edge, `y` from the centre line, `z` > 0 above the face in the block, < 0 in the
-    road, all m; `lag_s` time constant; standard deviations `place_sigma_m` of the place along x and y, `depth_sigma_m`
-    along z, `gain_sigma` of the rise that it shows, relative; `names` for people.
+    road, all m; `lag_s` time constant; standard deviations `lag_sigma_s` of that, `place_sigma_m` of the place along x
+    and y, `depth_sigma_m` along z, `gain_sigma` of the rise that it shows, relative; `names` for people.
     """
 
     names: tuple[str, ...]
@@ -36,6 +37,7 @@ class Places:
     y: np.ndarray
     z: np.ndarray
     lag_s: np.ndarray
+    lag_sigma_s: np.ndarray
     place_sigma_m: np.ndarray
     depth_sigma_m: np.ndarray
     gain_sigma: np.ndarray
@@ -58,11 +60,15 @@ class Places:
         """Standard deviation (n,) m of the place along x, y or z."""
         return self.depth_sigma_m if axis == 2 else self.place_sigma_m
 
-    def moved(self, axis: str, step: float, point: int | None = None) -> Places:
-        """The same with one point, or all of them, moved by `step` (m) along an axis; may leave its bounds a little."""
-        values = getattr(self, axis).copy()
+    def moved(self, key: str, step: float, point: int | None = None) -> Places:
+        """The same with x, y, z or `lag_s` of one point, or of all, changed by `step`; may leave bounds a little."""
+        values = getattr(self, key).copy()
         values[slice(None) if point is None else point] += step
-        return _unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {axis: values})
+        return _unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
+
+    def only(self, own: slice) -> Places:
+        """Some of the points."""
+        return _unchecked({f.name: getattr(self, f.name)[own] for f in fields(self)})
 
     def as_rows(self) -> list[dict[str, Any]]:
         """One table per point, as in campaign.toml."""

@@ -25,7 +25,7 @@ FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behi
 class Faults:
     """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity.
 
-    Of points: how far (m) each lies from where it is said to be, up the block, and the error of its gain.
+    Of points: how far (m) each lies from where it is said to be, up the block, the errors of its gain and its lag (s).
     """
 
     shift: tuple[float, float]
@@ -34,6 +34,7 @@ class Faults:
     psf_sigma_px: float
     astray: tuple[float, ...] = ()
     gains: tuple[float, ...] = ()
+    lags: tuple[float, ...] = ()
 
 
 def blank(view: str, scene, times, repetition, netd: float) -> Recording:
@@ -73,11 +74,13 @@ def draw(recording: Recording, rng, nuisance: float) -> Faults:
     """Faults of a recording; `nuisance` scales all but the fixed pattern."""
     if recording.places is not None:
         places = recording.places
-        astray = nuisance * places.depth_sigma_m * rng.normal(size=len(places))
-        gains = nuisance * places.gain_sigma * rng.normal(size=len(places)) if places.gain_sigma.any() else np.zeros(0)
-        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray.tolist()), tuple(gains.tolist()))
-    known = recording.registration_sigma_px or 0.0
-    along, up = (float(s) for s in nuisance * known * rng.normal(size=2))
+        n = len(places)
+        astray = nuisance * places.depth_sigma_m * rng.normal(size=n)
+        known = (places.gain_sigma, places.lag_sigma_s)
+        gains, lags = (nuisance * sd * rng.normal(size=n) if sd.any() else np.zeros(n) for sd in known)
+        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray), tuple(gains), tuple(lags))
+    wide = recording.registration_sigma_px or 0.0
+    along, up = (float(s) for s in nuisance * wide * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
     given = recording.emissivity or 1.0
     truth = min(given + nuisance * ALIKE[1] * float(rng.normal()), 1.0)
@@ -94,9 +97,10 @@ def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 
         true = recording.places
         for i, off in enumerate(faults.astray):
             true = true.moved("z", float(np.clip(true.z[i] + off, 0.0, scene.height) - true.z[i]), i)
+        for i, late in enumerate(faults.lags):
+            true = true.moved("lag_s", max(late, -float(true.lag_s[i])), i)
         T = observe(run, scene, replace(recording, places=true), scene.acting).temperature
-        if faults.gains:
-            T = T + (T - scene.ambient + KELVIN) * np.array(faults.gains)
+        T = T + (T - scene.ambient + KELVIN) * np.array(faults.gains or 0.0)
         return replace(recording, temperature=T + (recording.netd_K or 0.0) * rng.normal(size=T.shape))
     change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
     told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)

@@ -14,7 +14,7 @@ from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.laboratory import calibrated, found
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, change, residual
 from flashtemp.discovery.nuisances import plain
-from flashtemp.discovery.parameters import OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
+from flashtemp.discovery.parameters import BEADS, OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
 from flashtemp.discovery.scores import Score, Separability, separability
 from flashtemp.discovery.search import MOST
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search
@@ -303,8 +303,9 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
         elif p.kind in OF_THE_LABORATORY:
             unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
             other.append(Pull(called(p), fit.model.placed(p) + step, sd, away[p], unit))
-        elif p.kind is Kind.PLACE:
-            other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], "m"))
+        elif p.kind in BEADS:
+            unit = "m" if p.kind is Kind.PLACE else "s"
+            other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], unit))
         elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR):
             other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))

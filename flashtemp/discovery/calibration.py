@@ -10,7 +10,7 @@ import numpy as np
 from flashtemp.discovery.fit import ENOUGH, KNOWN, LITTLE, Fit, Reached
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import Solution, System
-from flashtemp.discovery.parameters import OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
+from flashtemp.discovery.parameters import BEADS, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Prior, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.scales import Scaled, solved
@@ -305,7 +305,7 @@ class Descent:
         """Whether a parameter is no mere column: errors of the laboratory are, as long as no pixel goes far."""
         if p.kind in FAINT:
             return bool(p.file or p.kind is Kind.SIZE) and abs(step) > FAINT[p.kind]
-        return p.kind in (Kind.KEY, Kind.PLACE) or p.kind in SHIFTS or p in self.priors
+        return p.kind in (Kind.KEY, *BEADS) or p.kind in SHIFTS or p in self.priors
 
     def _moved(self, fit: Fit, steps: dict[ParameterId, float]) -> Model:
         """The model after steps from a fit, none across a bound."""
@@ -315,7 +315,7 @@ class Descent:
                 shift = list(model.shift(p.file))
                 shift[p.axis] += float(np.clip(step, -1.0, 1.0))
                 model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
-            elif p.kind in (Kind.KEY, Kind.PLACE, *OF_THE_LABORATORY):
+            elif p.kind in (Kind.KEY, *BEADS, *OF_THE_LABORATORY):
                 model = model.moved(p, step)
             else:
                 strength = self._strength(p, model)

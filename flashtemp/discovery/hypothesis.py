@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.placement import AS_TOLD, Place
-from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import BEADS, PLACED, Kind, ParameterId, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
@@ -44,7 +44,8 @@ def within(param: Param, value: float) -> float:
 class Model:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
     `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale, turn and clock; `beads`
-    (m): by which points lie elsewhere along an axis; `sizes` {key: share} by which the block is larger than told."""
+    (m, s): by which points lie elsewhere along an axis, or are slower; `sizes` {key: share} by which the block is
+    larger than told."""
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -90,7 +91,7 @@ class Model:
 
     def moved(self, p: ParameterId, step: float) -> Model:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
-        if p.kind is Kind.PLACE:
+        if p.kind in BEADS:
             return replace(self, beads=self.beads | {p: self.beads.get(p, 0.0) + step})
         if p.kind is Kind.SIZE:
             return replace(self, sizes=self.sizes | {p.name: self.placed(p) + step})

@@ -12,10 +12,19 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.parameters import ALL, OF_A_POINT, OF_THE_LABORATORY, PLACED, SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import (
+    BEADS,
+    OF_A_POINT,
+    OF_THE_LABORATORY,
+    PLACED,
+    SHIFTS,
+    Kind,
+    ParameterId,
+    Priors,
+)
 from flashtemp.discovery.prediction import Derivatives, Observable, Single, packed
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.thermocouples import gain_of, placed
+from flashtemp.discovery.thermocouples import known
 
 MODES = 6  # cosines of the pressure along the block
 GROUPS = {  # standard deviations, by the kind of nuisance
@@ -70,17 +79,17 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
     out: Priors = {}
     free = problem.priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
-    places = places_known(problem.campaign.views)
+    points = known(problem.campaign.views)
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
         elif p.kind in SHIFTS:
             sd = astray(recordings[p.file], model.place(p.file), p.axis)
             out[p] = (-model.shift(p.file)[p.axis], sd)
-        elif p.kind is Kind.PLACE:
-            out[p] = (-model.beads.get(p, 0.0), places[p])
+        elif p.kind in BEADS:
+            out[p] = (-model.beads.get(p, 0.0), points[p])
         elif p.kind is Kind.SENSOR:
-            out[p] = (0.0, places[p])
+            out[p] = (0.0, points[p])
         elif p.kind in OF_THE_LABORATORY:
             if p.file or p.kind is Kind.SIZE or p in problem.loose:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
@@ -122,20 +131,6 @@ def rescaled(priors: Priors, scale: float, floor: float) -> Priors:
             out[p] = (mean, sd * times[p.kind])
         elif p.kind is Kind.FLOOR:
             out[p] = (mean, floor)
-    return out
-
-
-def places_known(views: Iterable[View]) -> dict[ParameterId, float]:
-    """Standard deviation of the place of every point along every axis (m), and of its gain."""
-    out = {}
-    for v in views:
-        places = v.recording.places
-        if places is None:
-            continue
-        for i, name in enumerate(places.names):
-            for axis in range(3):
-                out[placed(name, i, axis).within(ALL, v.file)] = float(places.place_sigma(axis)[i])
-            out[gain_of(name, i).within(ALL, v.file)] = float(places.gain_sigma[i])
     return out
 
 

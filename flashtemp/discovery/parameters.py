@@ -23,6 +23,7 @@ class Kind(StrEnum):
     SHIFT_V = "shift_v"
     GAIN = "gain"  # of a recording's radiance, relative
     PLACE = "place"  # of a point of a recording along an axis, m
+    LAG = "lag"  # time constant of a point of a recording, s
     SENSOR = "sensor"  # gain of a point of a recording: of the rise that it shows, relative
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
@@ -38,7 +39,8 @@ class Kind(StrEnum):
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
 PLACED = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
 OF_THE_LABORATORY = (*PLACED, Kind.SIZE)
-OF_A_POINT = (Kind.PLACE, Kind.SENSOR)
+BEADS = (Kind.PLACE, Kind.LAG)
+OF_A_POINT = (*BEADS, Kind.SENSOR)
 OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 

@@ -36,7 +36,7 @@ def _grid(length: float, height: float, like: Places) -> Iterator[tuple[str, Pla
     alone = np.ptp(like.x) == 0.0
     for x in (float(like.x[0]),) if alone else tuple(length * a for a in ALONG):
         for z in (height * u for u in UP):
-            alike = ("lag_s", "place_sigma_m", "depth_sigma_m", "gain_sigma")
+            alike = ("lag_s", "lag_sigma_s", "place_sigma_m", "depth_sigma_m", "gain_sigma")
             known = {k: [float(getattr(like, k).max())] for k in alike}
             words = f"at x = {1e3 * x:.3g} mm, z = {1e3 * z:.3g} mm"
             yield words, of_arrays((words,), {"x": [x], "z": [z]} | known)

@@ -1,55 +1,87 @@
-"""What is not known better of a thermocouple: its place along x, y and z, and the gain with which it shows its rise."""
+"""What is not known better of a thermocouple: its place, its time constant, the gain with which it shows its rise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
 
 Array = npt.NDArray[np.float64]
-AWAY = 0.25  # of what is known of the place of a point: step of its derivative
+AWAY = 0.25  # of what is known of a place, or a time constant: step of its derivative
 
 
 def columns(see: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
-    """What thermocouples' places change (K/m), and their gains (K): the `rise` (frames, 1, points) over the air."""
+    """What places (K/m), time constants (K/s) and gains (K) change: the `rise` (frames, 1, points) is over the air."""
     out: dict[ParameterId, Array] = {}
     places = recording.places
     assert places is not None
-    for i in np.flatnonzero((places.place_sigma_m > 0) | (places.depth_sigma_m > 0)):
-        for axis, name in enumerate("xyz"):
-            step = AWAY * float(places.place_sigma(axis)[i])
-            if step > 0:
-                moved = (replace(recording, places=places.moved(name, s, int(i))) for s in (step, -step))
-                ahead, behind = (see(recording=r) for r in moved)
-                out[placed(places.names[i], int(i), axis)] = (ahead - behind) / (2.0 * step)
-    for i in np.flatnonzero(places.gain_sigma > 0):
-        out[gain_of(places.names[i], int(i))] = np.where(np.arange(len(places)) == i, rise, 0.0)
+
+    def of_one(number: int, change: Array) -> Array:
+        return np.where(np.arange(len(places)) == number, change, 0.0)
+
+    for i, p, key, sd in _beads(places):
+        step = AWAY * sd
+        if step > 0:
+            ahead, behind = (see(recording=_alone(recording, places.moved(key, s), i)) for s in (step, -step))
+            out[p] = of_one(i, (ahead - behind) / (2.0 * step))
+    for i, name in enumerate(places.names):
+        if places.gain_sigma[i] > 0:
+            out[gain_of(name, i)] = of_one(i, rise)
     return out
 
 
 def where(view: View, model: Model) -> Recording:
-    """The recording with its points where the model has them."""
-    recording = view.recording
-    for i, name in enumerate(recording.places.names if recording.places is not None and model.beads else ()):
-        for axis, along in enumerate("xyz"):
-            step = model.beads.get(placed(name, i, axis).within(ALL, view.file), 0.0)
-            if step and recording.places is not None:
-                recording = replace(recording, places=recording.places.moved(along, step, i))
-    return recording
+    """The recording with its points where, and as slow as, the model has them."""
+    places = view.recording.places
+    if places is None or not model.beads:
+        return view.recording
+    moved = places
+    for i, p, key, _ in _beads(places):
+        moved = moved.moved(key, model.beads.get(p.within(ALL, view.file), 0.0), i)
+    return replace(view.recording, places=moved)
 
 
-def placed(name: str, number: int, axis: int) -> ParameterId:
-    """The place of a point along an axis: a name is that of one thermocouple in all recordings, a number is not."""
-    return ParameterId(Kind.PLACE, (number, axis)) if name.isdigit() else ParameterId(Kind.PLACE, (axis,), name=name)
+def known(views: Iterable[View]) -> dict[ParameterId, float]:
+    """Standard deviations of places (m), time constants (s) and gains of all points of recordings."""
+    out: dict[ParameterId, float] = {}
+    for v in views:
+        places = v.recording.places
+        if places is not None:
+            out |= {p.within(ALL, v.file): sd for _, p, _, sd in _beads(places)}
+            gains = zip(places.names, places.gain_sigma, strict=True)
+            out |= {gain_of(name, i).within(ALL, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
+    return out
+
+
+def _alone(recording: Recording, places: Places, number: int) -> Recording:
+    """One point of a recording, where `places` have it; what it measured is of no concern, and may be nothing."""
+    own = slice(number, number + 1)
+    return replace(
+        recording, temperature=np.zeros((recording.frames, 1, 1)), u=recording.u[own], places=places.only(own)
+    )
+
+
+def _beads(places: Places) -> Iterator[tuple[int, ParameterId, str, float]]:
+    """What a point may have otherwise than told: number, parameter, key of its table, standard deviation (m, s)."""
+    for i, name in enumerate(places.names):
+        for axis, key in enumerate("xyz"):
+            yield i, _of(Kind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
+        yield i, _of(Kind.LAG, name, i), "lag_s", float(places.lag_sigma_s[i])
+
+
+def _of(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
+    """A parameter of a point: a name is that of one thermocouple in all recordings, a number is not."""
+    return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 
 def gain_of(name: str, number: int) -> ParameterId:
     """The gain of a point, likewise."""
-    return ParameterId(Kind.SENSOR, (number,)) if name.isdigit() else ParameterId(Kind.SENSOR, name=name)
+    return _of(Kind.SENSOR, name, number)

@@ -23,7 +23,7 @@ CALLED = {
     Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
     Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
-    Kind.PLACE: "place of a point of", Kind.SENSOR: "gain of a point of",
+    Kind.PLACE: "place of a point of", Kind.LAG: "time constant of a point of", Kind.SENSOR: "gain of a point of",
     Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
     Kind.SIZE: "size of the block,", Kind.FLOOR: "the model's own error in",
 }  # fmt: skip
@@ -65,9 +65,8 @@ def called(p: ParameterId) -> str:
     """
     if p.kind in OF_A_POINT:
         point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
-        return (
-            f"gain of point {point}" if p.kind is Kind.SENSOR else f"place of point {point} along {'xyz'[p.index[-1]]}"
-        )
+        along = f" along {'xyz'[p.index[-1]]}" if p.kind is Kind.PLACE else ""
+        return f"{CALLED[p.kind].removesuffix('a point of')}point {point}{along}"
     where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""
     return f"{CALLED.get(p.kind, p.kind)} {where}{number}".strip()

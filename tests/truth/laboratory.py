@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from truth import thermocouples
 from truth.asperities import kept
 from truth.camera import Geometry, Optics, look
 from truth.sliding import Pair, Sliding, impulse
 from truth.wall import Wall
 
-AIR, NETD, CELL = 20.0, 0.05, 0.005
-PITCH = {"sidewall": 2.5e-4, "wake": 5e-4}
-BEHIND = 0.03  # m of road that is seen
+AIR, CELL = 20.0, 0.005
 CONDITIONS = ((1.5e5, 0.1), (0.75e5, 0.3))  # Pa, m/s
 TAKEN = (0.2, 0.55, 0.94)  # shares of a repetition at which frames are taken, the last before the block meets its start
 
@@ -54,6 +53,9 @@ class Errors:
     fraction: float = 0.05
     convection: float = 0.2
     pattern: tuple[float, float] = (0.02, 0.05)  # K, from to
+    place: float = 3e-4  # m, of a thermocouple
+    sensor: float = 0.005  # gain of one
+    lag: float = 0.1  # s, of the time constant of one
 
 
 @dataclass(frozen=True)
@@ -67,19 +69,47 @@ class Programme:
     mesh: float = 0.6
     convection: float = 10.0
     conditions: tuple[tuple[float, float], ...] = CONDITIONS
+    pair: Pair = field(default_factory=Pair)
+    mu: float = 1.0
+    fraction: float = 0.2
+    netd: float = 0.05  # K
+    pitch: dict[str, float] = field(default_factory=lambda: {"sidewall": 2.5e-4, "wake": 5e-4})  # m
+    behind: float = 0.03  # m of road that is seen
+    taken: tuple[float, ...] = TAKEN
+    beads: tuple[tuple[float, float], ...] = ()  # thermocouples: shares of length and height
+    lag: float = 0.3  # s, their time constant
 
 
 def believed(test, more=""):
     """The case that a laboratory believes."""
+    pair = test.pair
     return f"""title = "independent laboratory"
+[materials.rubber]
+conductivity = {pair.k}
+density = {pair.rc / 1700.0}
+heat_capacity = 1700.0
+[materials.ground]
+conductivity = {pair.road_k}
+density = {pair.road_rc / 950.0}
+heat_capacity = 950.0
+[block]
+material = "rubber"
+length = {pair.length}
+width = {pair.width}
+height = {pair.height}
 [contact]
 pressure = {test.conditions[0][0]}
+spot_fraction = {test.fraction}
+spot_diameter = {pair.diameter}
+[friction]
+mu = {test.mu}
 [schedule]
 speed = {test.conditions[0][1]}
 distance = {test.distance}
 repetitions = {test.repetitions}
 wait = {test.wait}
 [road]
+material = "ground"
 track_length = {test.distance}
 [ambient]
 convection = {test.convection}
@@ -142,6 +172,7 @@ class Moment:
     state: np.ndarray
     wake: tuple[np.ndarray, np.ndarray]
     lacks: np.ndarray | None = None
+    looked: bool = True  # by cameras; thermocouples are asked more often
 
 
 def live(world, asked):
@@ -151,7 +182,7 @@ def live(world, asked):
     """
     p, test, h = world.pair, world.test, world.hidden
     flash = 1.0
-    s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((BEHIND + 3e-3) / p.dx))
+    s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((test.behind + 3e-3) / p.dx))
     history, taken = [], np.zeros(2)
     dt, steps = p.dx / world.speed, round(test.distance / p.dx)
     t, moments, times, cell, passes = 0.0, [], [], [], []
@@ -160,7 +191,8 @@ def live(world, asked):
     for r in range(1, test.repetitions + 1):
         s.lift()
         begin, spot, left = t, s.face + AIR, np.zeros((2, steps + 1 - p.columns))
-        at = {round(share * steps): share for share in asked[r, True]}
+        at = {round(share * steps) for share in asked[r, True]}
+        beads = {round(share * steps) for share in thermocouples.SLIDING if test.beads}
         for k in range(1, steps + 1):
             slid = (r - 1) * test.distance + k * p.dx
             mu = world.friction(spot, slid) * (1.0 + world.scatter[r - 1])
@@ -181,13 +213,15 @@ def live(world, asked):
                 places, wake = s.wake(world.convection)
                 before = _carried(world, passes, k - p.columns - np.arange(s.behind), t)
                 moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + before + world.air(t))))
+            elif k in beads:
+                moments.append(Moment(t, r, True, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=False))
         passes.append(left)
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
     wall = Wall(p, taken[0] / taken[1])
     lacks = {t: wall.step(t, *now) for t, *now in history}
-    return s, [replace(m, lacks=lacks[m.t]) for m in moments], np.array(times), np.array(cell)
+    return s, [replace(m, lacks=lacks.get(m.t)) for m in moments], np.array(times), np.array(cell)
 
 
 def _rest(world, s, history, begin, r, shares):
@@ -200,8 +234,8 @@ def _rest(world, s, history, begin, r, shares):
         asked = k in [round(a * count) for a in shares]
         if asked or k in (1, 2, 4) or k % 8 == 0:
             history.append((t, world.convection, s.amplitude.copy(), world.air(t)))
-        if asked:
-            out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1))))
+        if asked or (world.test.beads and k % thermocouples.RESTING == 0):
+            out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=asked))
     return out
 
 
@@ -232,8 +266,8 @@ def campaign(
     folder.mkdir(parents=True, exist_ok=True)
     rng, beyond = np.random.default_rng([seed, 5]), dict(beyond or {})
     drawn = _Draw(rng, errors, np.random.default_rng([seed, 6]))
-    length = 0.025 + drawn(errors.length) + beyond.pop("length", 0.0)
-    pair = replace(Pair(columns=test.columns), length=length)
+    length = test.pair.length + drawn(errors.length) + beyond.pop("length", 0.0)
+    pair = replace(test.pair, columns=test.columns, length=length)
     common = {k: float(np.exp(drawn(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
     truth = {
         "hidden": hidden.sizes,
@@ -246,9 +280,10 @@ def campaign(
     lines = [f'title = "independent laboratory {seed}"', 'case = "case.toml"']
     free = ["friction.mu", "contact.spot_fraction", "ambient.convection"] if free is None else free
     lines.append(f"free = {free!r}".replace("'", '"'))
+    wired = thermocouples.Wired.drawn(test, drawn)
     for number, (pressure, speed) in enumerate(test.conditions, 1):
         scatter = tuple(drawn(errors.jitter) for _ in range(test.repetitions))
-        mu = common["mu"] * (1.0 + drawn(errors.level))
+        mu = test.mu * common["mu"] * (1.0 + drawn(errors.level))
         world = World(
             pair,
             test,
@@ -256,19 +291,24 @@ def campaign(
             pressure,
             speed,
             mu,
-            0.2 * common["fraction"],
+            test.fraction * common["fraction"],
             test.convection * common["convection"],
             scatter,
         )
         given = f'with = {{ "contact.pressure" = {pressure}, "schedule.speed" = {speed} }}'
-        asked = {(r, True): TAKEN for r in range(1, test.repetitions + 1)}
+        asked = {(r, True): test.taken for r in range(1, test.repetitions + 1)}
         asked |= {(r, False): (0.6,) for r in range(1, test.repetitions)}
         sliding, moments, times, cell = live(world, asked)
         late = _clock(drawn, errors)
         for view in views:
             name = f"condition{number}_{view}.nc"
-            truth["recordings"][name] = _record(folder / name, view, world, sliding, moments, drawn, late, beyond, flaw)
-            lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(NETD, 1e-3)}"]
+            seen = [m for m in moments if m.looked]
+            truth["recordings"][name] = _record(folder / name, view, world, sliding, seen, drawn, late, beyond, flaw)
+            lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(test.netd, 1e-3)}"]
+        if test.beads:
+            name = f"condition{number}_beads.csv"
+            np.savetxt(folder / name, wired.table(world, moments, drawn, late, AIR), delimiter=",", fmt="%.6g")
+            lines += wired.told(name, given, test.netd)
         mu_read = cell * (1.0 + drawn(errors.cell)) + CELL * drawn.rng.normal(size=len(cell))
         name = f"condition{number}_mu.csv"
         rows = np.column_stack([times, mu_read])
@@ -302,13 +342,14 @@ def _clock(drawn, errors):
 
 def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
     """Write one recording; its own errors."""
-    errors, pair, pitch = drawn.errors, world.pair, PITCH[view]
+    errors, pair, test = drawn.errors, world.pair, world.test
+    pitch, length, side = test.pitch[view], test.pair.length, round(0.5 * pair.width + 5e-3, 9)
     if view == "sidewall":
-        u = np.arange(-1e-3 + 0.5 * pitch, 0.026, pitch)
-        v = np.arange(-1e-3 + 0.5 * pitch, 0.008, pitch)
+        u = np.arange(-1e-3 + 0.5 * pitch, length + 1e-3, pitch)
+        v = np.arange(-1e-3 + 0.5 * pitch, pair.height + 1e-3, pitch)
     else:
-        u = np.arange(0.025 + 0.5 * pitch, 0.025 + BEHIND, pitch)
-        v = np.arange(-0.03 + 0.5 * pitch, 0.03, pitch)
+        u = np.arange(length + 0.5 * pitch, length + test.behind, pitch)
+        v = np.arange(-side + 0.5 * pitch, side, pitch)
         moments = [m for m in moments if m.sliding]
     geometry = Geometry(
         (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned)),
@@ -321,23 +362,25 @@ def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
     optics = Optics(0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0), gain=gain)
     frames = []
     for k, m in enumerate(moments):
-        frame = look(_seen(view, world, sliding, m), _box(view, pair), AIR + world.air(m.t), u, v, optics, geometry)
+        frame = look(
+            _seen(view, world, sliding, m), _box(view, pair, test.behind), AIR + world.air(m.t), u, v, optics, geometry
+        )
         if view == "wake" and flaw:
-            frame = frame + flaw * np.exp(-a / 0.4) * np.cos(1.3 * k) * (np.abs(v) < 0.025)[:, None]
+            frame = frame + flaw * np.exp(-a / 0.4) * np.cos(1.3 * k) * (np.abs(v) < 0.5 * pair.width)[:, None]
         frames.append(frame)
     T = np.array(frames)
     pattern = drawn.rng.uniform(*errors.pattern)
-    T = T + pattern * drawn.rng.normal(size=T.shape[1:]) + NETD * drawn.rng.normal(size=T.shape)
+    T = T + pattern * drawn.rng.normal(size=T.shape[1:]) + test.netd * drawn.rng.normal(size=T.shape)
     lag = world.hidden("time_lag")
     time = np.array([late(m.t, m.repetition) + lag for m in moments])
-    _write(file, view, T, time, [m.repetition for m in moments], u, v)
+    _write(file, view, T, time, [m.repetition for m in moments], u, v, test.netd)
     return {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}
 
 
-def _box(view, pair):
+def _box(view, pair, behind):
     if view == "sidewall":
         return (0.0, pair.length), (0.0, pair.height)
-    return (pair.length, pair.length + BEHIND + 2.5e-3), (-0.5 * pair.width, 0.5 * pair.width)
+    return (pair.length, pair.length + behind + 2.5e-3), (-0.5 * pair.width, 0.5 * pair.width)
 
 
 def _seen(view, world, sliding, m):
@@ -356,7 +399,7 @@ def _seen(view, world, sliding, m):
     return wall
 
 
-def _write(file, view, T, time, repetition, u, v):
+def _write(file, view, T, time, repetition, u, v, netd):
     import xarray as xr
 
     coords = {
@@ -365,7 +408,7 @@ def _write(file, view, T, time, repetition, u, v):
     }  # fmt: skip
     known = {
         "view": view, "source": "independent laboratory", "Conventions": "CF-1.11", "emissivity": 0.95,
-        "reflected_degC": AIR, "netd_K": max(NETD, 1e-3), "psf_sigma_px": 0.7, "registration_sigma_px": 0.2,
+        "reflected_degC": AIR, "netd_K": max(netd, 1e-3), "psf_sigma_px": 0.7, "registration_sigma_px": 0.2,
     }  # fmt: skip
     ds = xr.Dataset({"temperature": (("frame", "v", "u"), T, {"units": "degC"})}, coords=coords, attrs=known)
     ds.to_netcdf(file, engine="h5netcdf")

@@ -2,7 +2,7 @@
 
 >>> from types import SimpleNamespace as N
 >>> arcs, _ = MovingSource().heat(N(width=0.01), None)
->>> more = {"axis": 0.0, "tilt": 0.0, "back_tilt": 0.0, "edges": 0.0, "chips": 0.0}
+>>> more = {"axis": 0.0, "tilt": 0.0, "back_tilt": 0.0, "edges": 0.0, "chips": 0.0, "bite": 0.0}
 >>> p = N(strength=1e3, speed=2e-3, enters=1.0, width=1e-3, back=0.5, back_width=None, radius=5e-3, **more)
 >>> now = N(t=6.0, x=0.01, y=0.0, touching=False)  # the leading arc is here, the trailing one at x = 0
 >>> round(arcs.law(300.0, now, p)), round(arcs.law(300.0, N(t=6.0, x=0.0, y=0.0, touching=False), p))
@@ -47,6 +47,11 @@ class MovingSource(Effect):
     )
     chips_ahead = Param(0.02, "m", "how far ahead of the tool's tip that falls, in the mean", low=-1.0, high=1.0)
     chips_width = Param(0.01, "m", "standard deviation along x of where it falls", low=0.0, open_low=True, high=1.0)
+    chips_rise = Param(0.0, "s", "time constant in which it heaps up, from `enters` on", low=0.0, high=1e6)
+    chips_tilt = Param(0.0, "1", "growth of it over half the width, towards y > 0", low=-1.5, high=1.5)
+    bite = Param(0.0, "1", "strength of the leading arc as it comes in beyond what it is later", low=0.0, high=100.0)
+    bite_length = Param(1e-3, "m", "travel over which that fades", low=0.0, open_low=True, high=1.0)
+    bite_tilt = Param(0.0, "1", "growth of it over half the width, towards y > 0", low=-1.5, high=1.5)
 
     def heat(self, scene, p):
         """Flux at the face; steps of the integrator no longer than the source takes for its own width."""
@@ -54,21 +59,29 @@ class MovingSource(Effect):
         def law(T, now, p):
             if now.touching:
                 return 0.0 * T
-            tip = now.x - p.speed * (now.t - p.enters)
+            been = now.t - p.enters
+            tip = now.x - p.speed * been
             e = 2.0 * now.y / scene.width
             even = 1.0 + p.edges * (e * e - 1.0 / 3.0)  # of mean 1, as are both arcs
             bend = (
                 p.radius - np.sqrt(np.maximum(p.radius**2 - (now.y - p.axis) ** 2, 0.0)) if isfinite(p.radius) else 0.0
             )
             shape = (even + p.tilt * e) * _gauss(tip + bend, p.width)
+            if p.bite:
+                shape = shape * (1.0 + p.bite * (1.0 + p.bite_tilt * e) * _fading(p.speed * been, p.bite_length))
             if isfinite(p.radius):
                 behind = _gauss(tip + 2.0 * p.radius - bend, p.back_width or p.width)
                 shape = shape + p.back * (even + p.back_tilt * e) * behind
-            fallen = p.chips * _gauss(tip - p.chips_ahead, p.chips_width) if p.chips else 0.0
-            return p.strength * (shape + fallen) + 0.0 * T
+            if p.chips:
+                heaped = 1.0 - _fading(been, p.chips_rise) if p.chips_rise else 1.0
+                fallen = (1.0 + p.chips_tilt * e) * _gauss(tip - p.chips_ahead, p.chips_width)
+                shape = shape + p.chips * heaped * fallen
+            return p.strength * shape + 0.0 * T
 
         def pace(T, now, p):
-            return 0.0 if now.touching or not p.strength else p.speed / min(p.width, p.back_width or p.width)
+            if now.touching or not p.strength:
+                return 0.0
+            return p.speed / min(p.width, p.back_width or p.width, p.bite_length if p.bite else inf)
 
         yield Heat.patch("block.face", law)
         yield Term("march.rate", pace)
@@ -76,3 +89,8 @@ class MovingSource(Effect):
 
 def _gauss(x, width):
     return np.exp(-0.5 * (x / width) ** 2) / (width * sqrt(2.0 * pi))
+
+
+def _fading(since, scale):
+    """1 until something begins, then exp(-since / scale)."""
+    return np.exp(-max(since, 0.0) / scale)

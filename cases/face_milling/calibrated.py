@@ -9,7 +9,7 @@ HERE = Path(__file__).parent
 
 
 def main(verdict: str) -> None:
-    """Keys go into `with`, depths of thermocouples into their places."""
+    """Keys go into `with`, depths and time constants of thermocouples into their points."""
     found = json.loads(Path(verdict).read_text(encoding="utf-8"))["nuisance"]
     told = tomllib.loads((HERE / "campaign.toml").read_text(encoding="utf-8"))
     keys = [k for table, own in told["free"].items() for k in _keys(table, own)]
@@ -23,7 +23,10 @@ def main(verdict: str) -> None:
         out += ["", "[[recording]]", 'view = "points"', f'file = "{entry["file"]}"', "points = ["]
         for p in entry["points"]:
             z = p["z"] + found[f"place of point {p['name']} along z"]["value"]
-            out.append(f'    {{ name = "{p["name"]}", x = {p["x"]:g}, y = {p["y"]:g}, z = {z:.5f} }},')
+            lag = max(p["lag_s"] + found[f"time constant of point {p['name']}"]["value"], 0.0)
+            out.append(
+                f'    {{ name = "{p["name"]}", x = {p["x"]:g}, y = {p["y"]:g}, z = {z:.5f}, lag_s = {lag:.3f} }},'
+            )
         out += ["]", f"sigma_K = {entry['sigma_K']:g}", f"with = {{ {given} }}"]
     (HERE / "calibrated.toml").write_text("\n".join(out) + "\n", encoding="utf-8")
 

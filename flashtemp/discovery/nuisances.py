@@ -48,7 +48,7 @@ MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
 STIFF = 0.03  # times as wide: priors of images, clocks and the block where a model misfits too grossly to move them
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
-CARELESS = 0.5  # of a usual scale or turn: from where the point about which it is one is not the one that was marked
+ABOUT = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned, or grown
 LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MOST = 3.0
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
@@ -110,10 +110,8 @@ def astray(recording: Recording, place: Place, axis: int) -> float:
     shows, from its middle to its edge being one standard deviation; added to how well its origin is known.  A wake
     begins at the edge that it is lined up with.
     """
-    if recording.view != "sidewall":
-        return recording.registration_sigma_px or 0.0
-    wrong = np.maximum(np.abs([place.scale, place.turn]) - CARELESS * USUAL, 0.0)
-    reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
+    wrong = np.abs([place.scale, place.turn])
+    reach = [0.5 * ABOUT * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
     moved = np.hypot(wrong[0] * reach[axis], wrong[1] * reach[1 - axis])
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 

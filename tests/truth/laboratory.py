@@ -14,7 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 from truth import thermocouples
 from truth.asperities import kept
 from truth.camera import Geometry, Optics, look
-from truth.sliding import Pair, Sliding, impulse
+from truth.sliding import Pair, Sliding, firmness, impulse
 from truth.wall import Wall
 
 AIR, CELL = 20.0, 0.005
@@ -183,7 +183,7 @@ def live(world, asked):
     p, test, h = world.pair, world.test, world.hidden
     flash = 1.0
     s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((test.behind + 3e-3) / p.dx))
-    history, taken = [], np.zeros(2)
+    history = []
     dt, steps = p.dx / world.speed, round(test.distance / p.dx)
     t, moments, times, cell, passes = 0.0, [], [], [], []
     films = (world.convection + world.sides, world.sides)
@@ -199,8 +199,7 @@ def live(world, asked):
             t = begin + k * dt
             warm = world.air(t) + _carried(world, passes, k - columns, t, spots=True)
             heat = mu * load * world.speed / world.fraction
-            face, road, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
-            taken += world.fraction * road.mean(), face.mean()
+            _, _, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
             spot = rise + AIR
             if k > p.columns:
                 left[:, k - p.columns] = s.left(), t
@@ -219,7 +218,7 @@ def live(world, asked):
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    wall = Wall(p, taken[0] / taken[1])
+    wall = Wall(p, firmness(p, world.fraction, world.speed, steps))
     lacks = {t: wall.step(t, *now) for t, *now in history}
     return s, [replace(m, lacks=lacks.get(m.t)) for m in moments], np.array(times), np.array(cell)
 

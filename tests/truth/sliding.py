@@ -277,6 +277,16 @@ def impulse(heat, age, pair, film):
     return heat / e * (1.0 / np.sqrt(np.pi * age) - film / e * erfcx(film * np.sqrt(age) / e))
 
 
+def firmness(pair, fraction, speed, steps):
+    """W/m2 of face that the road takes for every kelvin of the face alone: of a warm block that slides without friction."""
+    s, taken = Sliding(pair, fraction, True, 1.0), np.zeros(2)
+    s.amplitude[0] = np.sqrt(pair.height) * pair.upward[1][0]
+    for _ in range(steps):
+        face, road, _ = s.slide(pair.dx / speed, np.zeros(pair.columns))
+        taken += fraction * road.mean(), face.mean()
+    return taken[0] / taken[1]
+
+
 def slide(pair, speeds, pressure, mu=1.0, fraction=0.2, widening=True):
     """Slide as `speeds` [(m/s, m), ...] say under `pressure` (columns,) Pa; at the end face and heat into the road.
 

@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-RATE, BEFORE, PASSED = 100.0, 10.0, 95.0  # 1/s; s before the tool comes; s after which it has gone
+RATE, BEFORE, FITTED = (
+    100.0,
+    10.0,
+    125.0,
+)  # 1/s; s before the tool comes; s that are fitted, 38 s of them after it has gone
 NAMES = [f"T{n}" for n in range(1, 13) if n != 9]  # what T9 shows at rest is no constant of it: SOURCE.md
 
 
@@ -21,7 +25,7 @@ def main(source: str) -> None:
     print("at rest, degC:", dict(zip(NAMES, rest.round(2).tolist(), strict=True)))
     T, even = T - rest + np.median(rest), slice(0, None, int(RATE))
     T, time = T[even], time[even]
-    for name, rows in {"pass": time <= PASSED, "after": time > PASSED}.items():
+    for name, rows in {"pass": time <= FITTED, "after": time > FITTED}.items():
         lines = [",".join([f"{t:g}", *(f"{v:.3f}" for v in row)]) for t, row in zip(time[rows], T[rows], strict=True)]
         (HERE / f"{name}.csv").write_text("\n".join([",".join(["time_s", *NAMES]), *lines]) + "\n", encoding="utf-8")
 

@@ -13,6 +13,7 @@ from flashtemp.comparison.compare import compare
 
 MILLED = Path(__file__).parents[1] / "cases" / "face_milling"
 SIGMA = 0.2  # K: what the campaign allows such a model
+FITTED, HELD_OUT = 0.13, 0.125  # K rms: what the README tells
 
 
 def left(**given):
@@ -23,10 +24,8 @@ def left(**given):
 
 
 @pytest.mark.long
-def test_the_calibrated_model_is_within_what_it_is_allowed():
-    fitted, cooling = left()
-    assert fitted < SIGMA
-    assert cooling < SIGMA
+def test_the_calibrated_model_leaves_what_its_readme_says():
+    assert left() == pytest.approx([FITTED, HELD_OUT], rel=0.05)
 
 
 def test_a_coarser_mesh_misses_by_little_more_and_the_trailing_arc_is_needed():

@@ -11,6 +11,7 @@ import pytest
 
 from flashtemp.camera.geometry import _interpolated
 from flashtemp.camera.pixels import Axis, turned
+from flashtemp.camera.placement import Place
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
@@ -20,6 +21,7 @@ from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block, System
+from flashtemp.discovery.nuisances import astray
 from flashtemp.discovery.orientation import mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem, misfit, prepare
@@ -34,6 +36,20 @@ TINY = {
 PITCH, WIDTH = 2.5e-4, 0.7 * 2.5e-4
 U, V = np.arange(-1e-3, 0.026, PITCH), np.arange(-1e-3, 0.008, PITCH)
 MIDDLE = 0.0125
+
+
+# --- where an image may lie ---------------------------------------------------------------------------------
+def test_an_image_is_as_far_off_as_any_point_about_which_it_turned_makes_it():
+    """Points drawn anywhere in an image of 48 x 12 mm that is turned by 9 mrad: where its middle lies."""
+    u, v = np.arange(0.0, 0.048, 3e-4), np.arange(0.0, 0.012, 3e-4)
+    frames = np.full((1, len(v), len(u)), 20.0)
+    x, z = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 100_000)) * np.array([[np.ptp(u)], [np.ptp(v)]])
+    r = Recording("sidewall", frames, np.zeros(1), np.ones(1, int), u, v, registration_sigma_px=0.2)
+    for axis, moved in ((0, z), (1, x)):
+        off = np.hypot(0.2, 9e-3 * moved.std() / 3e-4)
+        assert astray(r, Place(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
+        assert astray(r, Place(scale=0.003), axis) == 0.2  # grows from the corner that was marked
+    assert astray(replace(r, view="wake"), Place(turn=9e-3), 0) == 0.2  # lined up along the block's edge
 
 
 # --- an image that is turned or scaled ----------------------------------------------------------------------

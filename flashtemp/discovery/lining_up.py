@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from flashtemp.camera.placement import Place, corner, pivot
 from flashtemp.camera.recording import Recording
-from flashtemp.discovery.nuisances import USUAL, astray, everything
+from flashtemp.discovery.nuisances import GROUPS, astray, everything
 from flashtemp.discovery.orientation import begun, judged, suspicious
+from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction import Observable, Prediction
 from flashtemp.discovery.problem import LIKELY, SEEN, Problem, checked
 from flashtemp.discovery.whitening import Data
@@ -109,7 +110,7 @@ class _Image:
         self.about, self.corner = pivot(recording, length), corner(recording, length)
 
     def lies(self, z: Array) -> Lies:
-        scale, turn = USUAL * z[2:]
+        scale, turn = GROUPS[Kind.SCALE] * z[2], GROUPS[Kind.TURN] * z[3]
         return Place(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1]))
 
     def left(self, z: Array) -> Array:

@@ -43,12 +43,12 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.SIZE: 0.01,  # length and width of the block
 }
 UNSURE = 0.4  # relative width of optics that a recording does not say
-USUAL = np.array([GROUPS[Kind.SCALE], GROUPS[Kind.TURN]])
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
 LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
 STIFF = 0.03  # times as wide: priors of images, clocks and the block where a model misfits too grossly to move them
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
-ABOUT = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned, or grown
+ABOUT = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
+CARELESS = 0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
 LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MOST = 3.0
 FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
@@ -106,12 +106,13 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
 def astray(recording: Recording, place: Place, axis: int) -> float:
     """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
 
-    Beyond what is usual nobody notes about which point a camera was turned, or a scale was off: any that the image
-    shows, from its middle to its edge being one standard deviation; added to how well its origin is known.  A wake
-    begins at the edge that it is lined up with.
+    Nobody notes about which point a camera was turned: any that the image shows, alike; nor about which a scale is off
+    beyond what is usual; added to how well its origin is known.  A wake begins at the edge that it is lined up with.
     """
-    wrong = np.abs([place.scale, place.turn])
-    reach = [0.5 * ABOUT * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
+    if recording.view != "sidewall":
+        return recording.registration_sigma_px or 0.0
+    wrong = max(abs(place.scale) - CARELESS * GROUPS[Kind.SCALE], 0.0), ABOUT * abs(place.turn)
+    reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
     moved = np.hypot(wrong[0] * reach[axis], wrong[1] * reach[1 - axis])
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 

@@ -22,7 +22,7 @@ from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import astray
-from flashtemp.discovery.orientation import mirrored
+from flashtemp.discovery.orientation import SURE, mirrored
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem, misfit, prepare
 from flashtemp.discovery.searched import Search, calibrate
@@ -132,6 +132,31 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
     assert abs(scale - (1.0 / 1.008 - 1.0)) < 4.0 * base.solution.sd(p)
     assert base.solution.sd(p) < 3e-3  # the data know it
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
+
+
+@pytest.mark.long
+def test_a_faint_image_goes_with_a_clear_one_of_the_same_view_if_it_is_rather_so(tmp_path):
+    """Of two side walls the second has forty times the noise: mirrored beside a mirrored one, not where it is right."""
+    (tmp_path / "case.toml").write_text("")
+    told = campaign.load(twin(load(tmp_path / "case.toml", TINY), Plan((), 41, 2, ("sidewall",), 3), tmp_path / "lab"))
+    first, second = told.views
+    rng = np.random.default_rng(5)
+
+    def faint(r, other_way):
+        noisy = replace(r, temperature=r.temperature + 2.0 * rng.normal(size=r.temperature.shape), netd_K=2.0)
+        return mirrored(noisy, 0.025) if other_way else noisy
+
+    clear = replace(first, recording=mirrored(first.recording, 0.025))
+    for other_way in (True, False):
+        other = replace(second, recording=faint(second.recording, other_way), sigma_K=2.0)
+        for beside in (clear, first):
+            found = {t.view.file: t.ln_bayes for t in calibrated(replace(told, views=(beside, other))).mirrored}
+            assert (
+                set(found) == ({first.file, second.file} if other_way else {first.file})
+                if beside is clear
+                else not found
+            )
+            assert found.get(second.file, 0.0) < SURE  # by itself it would not be
 
 
 def test_an_image_that_is_clearly_nearer_as_told_is_not_run_with_its_ends_exchanged(tiny, monkeypatch):

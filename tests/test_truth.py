@@ -94,7 +94,7 @@ def test_an_effect_in_both_compares_as_nothing_hidden_does(tmp_path, effect):
     check_agrees(tmp_path, {effect: size}, CALM, 1e-3, f"[{effect}]\n{key} = {size}\n")
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.5])
+@pytest.mark.parametrize("lag", [pytest.param(0.0, marks=pytest.mark.long), 0.5])
 def test_thermocouples_compare_as_images_do(tmp_path, lag):
     """In a block of another size and kind on another road, four beads, at once and late."""
     pair = Pair(length=0.032, height=0.009, k=0.33, rc=1.7e6, road_k=1.8, road_rc=1.9e6, diameter=2e-3)

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from flashtemp.camera.placement import Place, corner, pivot
 from flashtemp.camera.recording import Recording
+from flashtemp.discovery.fit import MISFIT
 from flashtemp.discovery.nuisances import GROUPS, astray, everything
-from flashtemp.discovery.orientation import begun, judged, suspicious
+from flashtemp.discovery.orientation import begun, by_themselves, judged
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction import Observable, Prediction
 from flashtemp.discovery.problem import LIKELY, SEEN, Problem, checked
@@ -40,7 +41,7 @@ def lined_up(problem: Problem, first: list[Prediction]) -> tuple[Problem, list[P
     if not found:
         return problem, first
     data = Data.begin(problem, first)
-    told = {view.file: alone for alone, view in suspicious(problem, data, first)}
+    told = {view.file: alone for alone, view in by_themselves(problem, data, first) if alone.left_over > MISFIT}
     found = {file: lies for file, lies in found.items() if file in told}
     while found:
         there = _placed(problem, found)

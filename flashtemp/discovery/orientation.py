@@ -13,7 +13,7 @@ import numpy as np
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.fit import MISFIT, Fit
+from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import everything
@@ -24,7 +24,9 @@ from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 
 WAYS = {"mirrored": (2,), "upside down": (1,), "turned by 180 degrees": (1, 2)}
+ODD = 3.0  # standard errors of chi2 that are left over, from which an image that looks mirrored is tried
 SURE = 50.0  # ln Bayes factor that a mirrored image needs
+ALIKE = 3.0  # one that is of the same view as a mirrored image: a camera is set up, and its images exported, once
 
 
 @dataclass(frozen=True)
@@ -49,23 +51,55 @@ def mirrored(recording: Recording, length: float) -> Recording:
 
 
 def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
-    """Recordings that are clearly mirrored, by the first predictions and others of the images turned round."""
+    """Recordings that are clearly mirrored, by the first predictions and others of the images turned round; and those
+    of the same views that rather are than not."""
     shown = {file: o for made in first for file, o in made.observables.items()}
-    odd = suspicious(problem, data, first)
-    suspects = [(alone, view) for alone, view in odd if _may_be_so(problem, view, shown[view.file])]
+    alone = {view.file: (a, view) for a, view in by_themselves(problem, data, first)}
+    suspects = [(a, v) for a, v in alone.values() if a.left_over > ODD and _may_be_so(problem, v, shown[v.file])]
+    ways = _both_ways(problem, data, suspects)
+    sure = [w for w in ways if w.turned.fits_better_than(w.alone)]
+    seen = {w.view.recording.view for w in sure}
+    asked = {w.view.file for w in ways}
+    ways += _both_ways(
+        problem, data, [(a, v) for a, v in alone.values() if v.recording.view in seen and v.file not in asked]
+    )
+    alike = [w for w in ways if w not in sure and w.view.recording.view in seen and w.gain > ALIKE]
+    length = problem.case["block.length"]
+    return tuple(
+        Turned(
+            replace(w.view, recording=mirrored(w.view.recording, length)),
+            w.gain,
+            1.0 + w.alone.excess,
+            1.0 + w.turned.excess,
+        )
+        for w in (*sure, *alike)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BothWays:
+    """A recording `alone` as told, and `turned` round."""
+
+    view: View
+    alone: Alone
+    turned: Alone
+
+    @property
+    def gain(self) -> float:
+        """ln Bayes factor of its being mirrored."""
+        return self.turned.ln_evidence - self.alone.ln_evidence
+
+
+def _both_ways(problem: Problem, data: Data, suspects: Sequence[tuple[Alone, View]]) -> list[BothWays]:
+    """Suspects and what they are turned round; what cannot be predicted so is not the other way round."""
     others = [_other_way(problem, view) for _, view in suspects]
     tasks = [task for other in others for task in other.tasks(problem.start, everything(other))]
     found = []
     for (alone, view), other, made in zip(suspects, others, problem.run(tasks) if tasks else (), strict=True):
-        if isinstance(made, FlashtempError):  # what cannot be predicted is not the other way round
-            continue
-        [block] = begun(other, data, [made])
-        turned = judged(other, block, other.start)
-        if turned.fits_better_than(alone):
-            right = replace(view, recording=mirrored(view.recording, problem.case["block.length"]))
-            gain = turned.ln_evidence - alone.ln_evidence
-            found.append(Turned(right, gain, 1.0 + alone.excess, 1.0 + turned.excess))
-    return tuple(found)
+        if not isinstance(made, FlashtempError):
+            [block] = begun(other, data, [made])
+            found.append(BothWays(view, alone, judged(other, block, other.start)))
+    return found
 
 
 def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
@@ -88,6 +122,11 @@ class Alone:
     block: Block
     ln_evidence: float
     excess: float
+
+    @property
+    def left_over(self) -> float:
+        """What no calibration explains, in standard errors of chi2."""
+        return float(self.excess * np.sqrt(self.block.count / 2.0))
 
     def fits_better_than(self, other: Alone) -> bool:
         return self.excess < CLEARLY * other.excess and self.ln_evidence > other.ln_evidence + SURE
@@ -125,14 +164,12 @@ def judged(problem: Problem, block: Block, model: Model) -> Alone:
     return Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
 
 
-def suspicious(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[Alone, View]]:
-    """Recordings that no calibration explains, by themselves."""
+def by_themselves(problem: Problem, data: Data, first: Sequence[Prediction]) -> Iterator[tuple[Alone, View]]:
+    """Images, each by itself."""
     views = {v.file: v for v in problem.campaign.views if v.recording.places is None}
     for block in data.blocks(first):
         if block.label in views:
-            alone = judged(problem, block, problem.start)
-            if alone.excess * np.sqrt(block.count / 2.0) > MISFIT:
-                yield alone, views[block.label]
+            yield judged(problem, block, problem.start), views[block.label]
 
 
 def _may_be_so(problem: Problem, view: View, seen: Observable) -> bool:

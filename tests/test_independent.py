@@ -63,6 +63,27 @@ def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed):
         assert {c["effect"] for c in found["causes"]} == {CALLED[found["hidden"]]}
 
 
+WORLDS = {  # seeds with a block, a road, a schedule and cameras of their own, and how they end
+    20018: "none_needed",  # 48 mm long, a wall turned by half a degree: conductivity_slope was named
+    20052: "laboratory",  # mirrored, faint: two causes and a bent pressure came near enough, yet not quite
+    20063: "laboratory",  # one clear mirrored wall, two faint ones that went astray
+}
+
+
+def test_worlds_differ_and_are_drawn_again_alike(benchmark):
+    drawn = [benchmark.programme(seed) for seed in WORLDS]
+    assert [benchmark.programme(seed) for seed in WORLDS] == drawn
+    assert len({p.pair.length for p in drawn}) == len({p.fraction for p in drawn}) == len(drawn)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", WORLDS)
+def test_campaigns_of_other_worlds_end_as_they_are(benchmark, seed):
+    found = benchmark.one(seed, varied=True)
+    assert benchmark.outcome(found) == WORLDS[seed], found["says"]
+    assert {c["effect"] for c in found["causes"]} <= {CALLED.get(found["hidden"])}
+
+
 @pytest.mark.parametrize(
     ("hidden", "beyond", "lined"),
     [

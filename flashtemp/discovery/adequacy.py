@@ -22,14 +22,13 @@ PULL = 4.0  # standard deviations beyond which a calibrated parameter is not wha
 SPARE = 0.1  # of a gross misfit: what further steps may gain without a doubt that something is missing
 WORTH = 0.02  # of a gross misfit: what a further cause explains by its trace, lest it mops up what another one left
 SCATTERED = 4.0  # -log10 of the probability that an amplitude scatters so between conditions
-ROUNDED = 1e-6  # ln evidence by which rounding may tell two solutions apart
 TOYS, LARGEST = 99, 10_000  # simulated data per block, and how many of its last data they cover
 
 
 def generic(problem: Problem, fit: Fit) -> float:
     """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions.
 
-    0 where nothing slides, or no data fitted feel it: two solutions differ by rounding, and the gate's limit is 0.
+    0 where nothing slides, or no data fitted feel it.
     """
     seen = fit.system.seen
     unnamed = unnamed_heat(n for n in fit.system.names if n in seen)
@@ -37,8 +36,7 @@ def generic(problem: Problem, fit: Fit) -> float:
         return 0.0
     base = fit.solved(problem, fit.effects)
     wider = fit.solved(problem, fit.effects | unnamed)
-    gain = wider.solution.ln_evidence - base.solution.ln_evidence
-    return gain if abs(gain) > ROUNDED else 0.0
+    return float(wider.solution.ln_evidence - base.solution.ln_evidence)
 
 
 def mode_pulls(fit: Fit) -> float:

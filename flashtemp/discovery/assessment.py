@@ -22,7 +22,7 @@ from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
 from flashtemp.discovery.whitening import Data
 from flashtemp.discovery.wording import called
 
-GENERIC, MODAL, EXCESS = 0.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
+GENERIC, MODAL, EXCESS = 3.0, 25.0, 12.0  # gates: ln Bayes factor, chi2 of pressure modes, standard errors of chi2
 ALLOWED = 3.0  # standard deviations of what was known
 HELD = "held out"  # how the fold of recordings and traces is called that are marked so
 INFLATED = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)

@@ -119,6 +119,34 @@ def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
 
 
 @pytest.mark.long
+def test_wall_after_lifted_waits_is_cooler_than_2d_guesses(lab):
+    """While the block is lifted nothing holds its face, which the 2D guess does not know: most is off right after it."""
+    given = {
+        "numerics__mesh": 0.5, "numerics__above": 10, "ambient__convection": 25.0, "contact__spot_fraction": 0.1,
+        "contact__spot_diameter": 1.6e-3, "schedule__speed": 0.06, "schedule__distance": 0.48, "schedule__repetitions": 3,
+        "schedule__wait": 7.0, "output__fields": 10,
+    }  # fmt: skip
+    wide = lab.case(**given, numerics__across=40, numerics__first_y=6e-5)
+    mesh, z = wide.mesh, 0.5 * (wide.mesh.height[1:] + wide.mesh.height[:-1])
+    line = (mesh.last - mesh.first) // 2
+    whole = Face.of(wide)
+    face = replace(whole, rise=whole.rise[:, line : line + 1])
+    scene = lab.scene(replace(lab.column(3, 0.007, 1e-3), y=mesh.y[[0, -1]]))
+    films, seen, off = (np.zeros(1), np.array([25.0])), (z > 1e-3) & (z < 6e-3), {}
+    for since, share in (("first", 0.9), ("third, soon", 0.1), ("third, end", 0.9)):
+        at = (share + (0.0 if since == "first" else 2.0)) * 8.0 + (0.0 if since == "first" else 14.0)
+        k = int(np.abs(wide.time[wide.frames] - at).argmin())
+        middle = mesh.planes(wide.field[k].astype(float) - wide.ambient_degC)[mesh.block][line]
+        wall = middle[:, 0] / (1 + 25.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity)
+        mean = middle @ mesh.share
+        guess = wall_rise(scene, films, z, wide.time[wide.frames][k : k + 1], mean[None, None], face)[0, 0]
+        off[since] = float(np.abs((wall - guess)[seen]).max() / (mean - wall)[seen].max())
+    lab.check("wall in the first repetition, share of its cooling", off["first"], 0.04)
+    lab.check("wall soon after the second lifted wait", off["third, soon"], 0.16)
+    lab.check("wall at the end of the third repetition", off["third, end"], 0.09)
+
+
+@pytest.mark.long
 def test_camera_sees_the_wall_near_the_contact(lab):
     """Cells of 1 mm across and a strong film, from the wall's cells to the wall: against cells of 20 um there."""
     given = {

@@ -107,8 +107,8 @@ def one(seed: int, small: bool = False, held: bool = False, varied: bool = False
     hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
     beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
-        test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
-        test = programme(seed) if varied else test
+        usual = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
+        test = programme(seed) if varied else usual
         truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))

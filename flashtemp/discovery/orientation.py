@@ -54,29 +54,17 @@ def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> t
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round; and those
     of the same views that rather are than not."""
     shown = {file: o for made in first for file, o in made.observables.items()}
-    alone = {view.file: (a, view) for a, view in by_themselves(problem, data, first)}
-    suspects = [(a, v) for a, v in alone.values() if a.left_over > ODD and _may_be_so(problem, v, shown[v.file])]
+    images = list(by_themselves(problem, data, first))
+    suspects = [(a, v) for a, v in images if a.left_over > ODD and _may_be_so(problem, v, shown[v.file])]
     ways = _both_ways(problem, data, suspects)
-    sure = [w for w in ways if w.turned.fits_better_than(w.alone)]
-    seen = {w.view.recording.view for w in sure}
+    views = {w.view.recording.view for w in ways if w.sure}
     asked = {w.view.file for w in ways}
-    ways += _both_ways(
-        problem, data, [(a, v) for a, v in alone.values() if v.recording.view in seen and v.file not in asked]
-    )
-    alike = [w for w in ways if w not in sure and w.view.recording.view in seen and w.gain > ALIKE]
-    length = problem.case["block.length"]
-    return tuple(
-        Turned(
-            replace(w.view, recording=mirrored(w.view.recording, length)),
-            w.gain,
-            1.0 + w.alone.excess,
-            1.0 + w.turned.excess,
-        )
-        for w in (*sure, *alike)
-    )
+    more = [(a, v) for a, v in images if v.recording.view in views and v.file not in asked]
+    ways += _both_ways(problem, data, more)
+    return tuple(w.as_turned(problem) for w in ways if w.sure or (w.view.recording.view in views and w.gain > ALIKE))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class BothWays:
     """A recording `alone` as told, and `turned` round."""
 
@@ -88,6 +76,16 @@ class BothWays:
     def gain(self) -> float:
         """ln Bayes factor of its being mirrored."""
         return self.turned.ln_evidence - self.alone.ln_evidence
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is mirrored whatever others are."""
+        return self.turned.fits_better_than(self.alone)
+
+    def as_turned(self, problem: Problem) -> Turned:
+        """It set right."""
+        right = replace(self.view, recording=mirrored(self.view.recording, problem.case["block.length"]))
+        return Turned(right, self.gain, 1.0 + self.alone.excess, 1.0 + self.turned.excess)
 
 
 def _both_ways(problem: Problem, data: Data, suspects: Sequence[tuple[Alone, View]]) -> list[BothWays]:

@@ -13,7 +13,7 @@ from flashtemp.physics.interpolation import between
 WINDOW = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # time constants before a reading that count
 PARTS = 8  # into which the time between kept fields is cut for what a lag smooths
 ROUNDED = 1e-9  # of a height: as good as equal
-NEAR = 0.2  # of a time constant: readings closer together need no further ones between them
+NEAR = 0.2  # of the mean time constant: moments closer to one before them are not asked for, but for readings
 
 
 def asked(places: Places, times: np.ndarray) -> np.ndarray:
@@ -27,7 +27,7 @@ def asked(places: Places, times: np.ndarray) -> np.ndarray:
     kept: list[float] = []
     own = set(times.tolist())
     for t in more.tolist():
-        if t in own or not kept or t - kept[-1] > NEAR * lags[0]:
+        if t in own or not kept or t - kept[-1] > NEAR * lags.mean():
             kept.append(t)
     return np.array(kept)
 

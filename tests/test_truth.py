@@ -21,10 +21,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 
 EXACT = Errors(size=0.0, pattern=(0.0, 0.0))
-CALM = Programme(
-    convection=1e-3, mesh=1.0, netd=1e-6
-)  # walls that lose nothing: how much cooler they are is a closure good to 12 %
-SHORT = Programme(0.3, wait=2.0, columns=60, convection=1e-3, mesh=1.2, netd=1e-6, conditions=((1.5e5, 0.3),))
+CALM = Programme(mesh=1.0, netd=1e-6)
+SHORT = Programme(0.3, wait=2.0, columns=60, mesh=1.2, netd=1e-6, conditions=((1.5e5, 0.3),))
 
 
 def test_truth_imports_nothing_of_flashtemp():

@@ -18,7 +18,7 @@ from flashtemp.camera.pixels import Kept
 from flashtemp.camera.placement import AS_TOLD, Place, corner
 from flashtemp.camera.point_observation import readings
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.wall import Face, corner_length, film_steps, wall_rise
+from flashtemp.camera.wall import Face, Films, corner_length, wall_rise
 from flashtemp.errors import BadInput
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.interpolation import between
@@ -168,14 +168,14 @@ def _body(run, scene, recording, times, face: Face | None):
     cells = between(run.field[:, near].astype(float), kept, times)
     surface = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
     surface = between(surface.astype(float), kept, times)
-    air, steps = scene.ambient - KELVIN, film_steps(scene)
+    air, walls = scene.ambient - KELVIN, Films.of(scene)
     rise = np.concatenate([surface[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
     if scene.resolved:  # from the cell's centre to its wall
         length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
-        films = (times[:, None] >= steps[0]) @ steps[1]
+        films = walls.at(times, walls.section)
         rise = rise / (1.0 + films[:, None] * length / scene.block.conductivity)[:, None]
-    elif len(steps[0]):
-        rise = wall_rise(scene, steps, z, times, rise, face or Face.of(run))
+    elif walls.wall.any():
+        rise = wall_rise(scene, walls, z, times, rise, face or Face.of(run, scene))
     wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)

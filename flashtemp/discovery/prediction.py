@@ -217,13 +217,13 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     recording, scene, asked = thermocouples.where(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
-    face = Face.of(near.run)
+    face = None if scene.resolved else Face.of(near.run, scene)
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
         place: Place = place,
     ) -> Array:  # fmt: skip
-        history = face if run is near.run else face.beside(run, near.level)
+        history = face if face is None or run is near.run else face.beside(run, near.level, scene)
         return mean(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
 
     def mean(values: Array) -> Array:

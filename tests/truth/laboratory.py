@@ -186,7 +186,7 @@ def live(world, asked):
     history = []
     dt, steps = p.dx / world.speed, round(test.distance / p.dx)
     t, moments, times, cell, passes = 0.0, [], [], [], []
-    films = (world.convection + world.sides, world.sides)
+    films, shape = (world.convection + world.sides, world.sides), None
     load, columns = world.shape * world.pressure, np.arange(p.columns)
     for r in range(1, test.repetitions + 1):
         s.lift()
@@ -206,8 +206,8 @@ def live(world, asked):
             if k % max(steps // 100, 1) == 0:
                 times.append(t)
                 cell.append(float(mu @ load / load.sum()))
-            if k in at or k % max(steps // 60, 1) == 0:
-                history.append((t, world.convection + world.sides, s.amplitude.copy(), world.air(t)))
+            if k in at or k == steps or k % max(steps // 60, 1) == 0:
+                history.append((t, *films, True, s.amplitude.copy(), world.air(t)))
             if k in at:
                 places, wake = s.wake(world.convection)
                 before = _carried(world, passes, k - p.columns - np.arange(s.behind), t)
@@ -215,10 +215,11 @@ def live(world, asked):
             elif k in beads:
                 moments.append(Moment(t, r, True, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=False))
         passes.append(left)
+        shape = s.face - world.air(t) if r == 1 else shape
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    wall = Wall(p, firmness(p, world.fraction, world.speed, steps))
+    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.grid(p)[1]), world.convection)
     lacks = {t: wall.step(t, *now) for t, *now in history}
     return s, [replace(m, lacks=lacks.get(m.t)) for m in moments], np.array(times), np.array(cell)
 
@@ -232,7 +233,7 @@ def _rest(world, s, history, begin, r, shares):
         s.rest(dt, (world.convection, 0.0), world.convection, world.air(t))
         asked = k in [round(a * count) for a in shares]
         if asked or k in (1, 2, 4) or k % 8 == 0:
-            history.append((t, world.convection, s.amplitude.copy(), world.air(t)))
+            history.append((t, world.convection, 0.0, False, s.amplitude.copy(), world.air(t)))
         if asked or (world.test.beads and k % thermocouples.RESTING == 0):
             out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=asked))
     return out
@@ -390,10 +391,7 @@ def _seen(view, world, sliding, m):
 
     def wall(x, z):
         rise = world.pair.above(z) @ m.state.T @ world.pair.along(x).T
-        lacks = RectBivariateSpline(
-            *Wall.grid(world.pair), np.vstack([1.5 * m.lacks[:1] - 0.5 * m.lacks[1:2], m.lacks])
-        )(z, x)
-        return AIR + rise - lacks
+        return AIR + rise - RectBivariateSpline(*Wall.grid(world.pair), m.lacks)(z, x)
 
     return wall
 

@@ -277,14 +277,15 @@ def impulse(heat, age, pair, film):
     return heat / e * (1.0 / np.sqrt(np.pi * age) - film / e * erfcx(film * np.sqrt(age) / e))
 
 
-def firmness(pair, fraction, speed, steps):
-    """W/m2 of face that the road takes for every kelvin of the face alone: of a warm block that slides without friction."""
-    s, taken = Sliding(pair, fraction, True, 1.0), np.zeros(2)
-    s.amplitude[0] = np.sqrt(pair.height) * pair.upward[1][0]
-    for _ in range(steps):
-        face, road, _ = s.slide(pair.dx / speed, np.zeros(pair.columns))
-        taken += fraction * road.mean(), face.mean()
-    return taken[0] / taken[1]
+def firmness(pair, fraction, speed, shape, places):
+    """W/m2K of face by which the road takes heat at `places` (m): of a block that slides without friction and is as warm
+    along it as `shape` (columns,) says, for every kelvin of the face alone."""
+    s, taken, n = Sliding(pair, fraction, True, 1.0), np.zeros((2, pair.columns)), pair.columns
+    s.amplitude += np.sqrt(pair.height) * np.outer(s.forward @ shape, pair.upward[1][0])
+    for k in range(2 * n):
+        face, road, _ = s.slide(pair.dx / speed, np.zeros(n))
+        taken += np.array([s.fraction * road, face]) if k >= n else 0.0
+    return np.interp(places, pair.x, taken[0] / taken[1])
 
 
 def slide(pair, speeds, pressure, mu=1.0, fraction=0.2, widening=True):

@@ -1,0 +1,79 @@
+"""How firmly the contact holds the block's face: what flows out of it for every kelvin that it is warmer.
+
+Spots take heat through what lies in the contact and their flash resistance R into lanes that were not warm when they came
+under the block, on the share phi of the face, so that a rise T(x) of the face loses phi J(x), where
+
+    T(x) = R J(x) + int_0^x c((x - x')/v) / (e_S sqrt(pi v (x - x'))) J(x') dx',
+
+c what a lane keeps of its heat as it widens (docs/theory.md, section 2a).  A lifted face is held by its film alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.model.laws import Laws
+from flashtemp.model.scene import Moment, Scene
+from flashtemp.physics.arrays import Array
+
+AGES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+DEEP, SHARES = np.polynomial.laguerre.laggauss(16)  # of the squared way sideways, over that of heat of one age
+STRETCHES = 40  # of the root of the age, in each of which what came lies along a line
+FIRMEST = 1e6  # W/m2K
+
+
+def firmness(scene: Scene, times: Array, rise: Array) -> Array:
+    """H (n - 1, x) in W/m2K by which the face's `rise` (n, x) in K, kept at `times` (n,) in s, is held in between.
+
+    It is that of the phase of the schedule, for the shape that the rise has over it.
+    """
+    laws, mid = Laws(scene), 0.5 * (times[1:] + times[:-1])
+    out = np.zeros((len(mid), rise.shape[1]))
+    passing: dict[tuple, tuple[Array, Array]] = {}
+    for phase in scene.schedule.phases:
+        here = (mid > phase.begin) & (mid <= phase.end)
+        if not here.any():
+            continue
+        now = scene.moment(phase, 0.5 * (phase.begin + phase.end))
+        if not now.touching:
+            films = laws.films.get("block.face", [])
+            out[here] = min(sum(part.law(now, p) for part, p, _ in films), FIRMEST)
+            continue
+        shape = np.maximum(rise[1:][here].mean(axis=0), 0.0)[:: now.direction]
+        shape = shape + 0.01 * shape.max() if shape.any() else np.ones_like(shape)
+        key = now.speed, now.pressure, now.waited
+        if key not in passing:
+            passing[key] = _passing(scene, laws, now)
+        phi, resistance = passing[key]
+        out[here] = (phi * np.linalg.solve(resistance, shape) / shape)[:: now.direction]
+    return np.clip(out, 0.0, FIRMEST)
+
+
+def _passing(scene: Scene, laws: Laws, now: Moment) -> tuple[Array, Array]:
+    """Contact fraction (x,), and what fluxes (x,) of the spots make of the face's rise there, (x, x) in m2 K/W."""
+    mesh = scene.mesh
+    edges = mesh.x[mesh.first : mesh.last + 1] - mesh.x[mesh.first]
+    one = np.ones(len(edges) - 1)
+    at = now.under(mesh, local_pressure=now.pressure * one)
+    phi = np.clip(laws("contact.spot_fraction", 0.0, None, at) * one, 1e-6, 1.0)
+    seen = at.seeing(spot_fraction=phi, covered=float(phi @ np.diff(edges) / scene.length))
+    beside = sum(laws(f"contact.{name}", 0.0, None, seen) for name in ("resistance", "micro_resistance"))
+    beside = np.maximum(beside + laws("contact.flash_resistance", 0.0, None, seen), 0.0) * one
+    last = now.last_speed if now.last_speed > 0.0 else scene.length
+    pace = 1.0 / (1.0 / last + now.waited / scene.length)  # a block at rest is one that passes slowly
+    came = _came(scene, laws, seen, scene.length / pace)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    reached = came(np.maximum(centres[:, None] - edges, 0.0) / pace)
+    return phi, np.diag(beside) + reached[:, :-1] - reached[:, 1:]
+
+
+def _came(scene: Scene, laws: Laws, seen: Moment, oldest: float):
+    """The rise in K of a lane per W/m2 that it has taken for a time (s) of at most the `oldest`, as a function of it."""
+    ends = np.linspace(0.0, np.sqrt(oldest), STRETCHES + 1)
+    half = 0.5 * ends[1]
+    roots = (ends[1:, None] - half + half * AGES)[..., None]
+    apart = 2.0 * roots * np.sqrt(scene.road.diffusivity * DEEP)
+    kept = laws("road.lane_overlap", 1.0, None, seen, apart) * np.ones_like(apart) @ SHARES
+    steps = 2.0 * half / (scene.road.effusivity * np.sqrt(np.pi)) * (kept @ WEIGHTS)
+    rise = np.append(0.0, np.cumsum(steps))
+    return lambda age: np.interp(np.sqrt(age), ends, rise)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
 from scipy.special import erfc
 from scipy.stats import norm
 
@@ -19,7 +20,7 @@ from flashtemp.camera.placement import Place
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.registration import align
-from flashtemp.camera.wall import Face, wall_rise
+from flashtemp.camera.wall import Face, Films, wall_rise
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Acting
 from flashtemp.physics.effect import Term, find
@@ -336,23 +337,45 @@ def test_where_the_sides_of_a_wake_may_show_is_left_out(slid, spread):
 
 # --- the wall in 2D ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(("film", "time"), [(10.0, 5.0), (10.0, 35.0), (20.0, 440.0)])
-def test_fin_correction_against_the_corner_problem(lab, film, time):
+def test_wall_against_the_corner_problem(lab, film, time):
     """Section (y, z) with a hot face, an insulated back and a film on the wall, by finite volumes."""
-    z, wall, mean = corner((film, time))
-    found = wall_of(lab, z, mean, [(0.0, film)], time)
-    depth = (z > 2e-4) & (z < 6e-3)
-    off = np.abs((mean - found) / (mean - wall) - 1)[depth]
-    lab.check(
-        f"wall cooler than the section, h = {film:g}, {time:g} s, relative", off.max(), 0.04 if time < 100 else 0.08
-    )
+    z, wall, middle = corner((film, time))
+    found = wall_of(lab, z, middle, [(0.0, film)], time)
+    off = np.abs(wall - found)[z > 2e-4].max() / (middle - wall).max()
+    lab.check(f"wall cooler than the section, h = {film:g}, {time:g} s, over its cooling", off, 0.01)
 
 
-def wall_of(lab, z, section, steps, time, face=None):
-    """The camera's wall (z,) in front of a section whose face has been at 1 since t = 0, or as given."""
+def wall_of(lab, z, section, films, time, face=None):
+    """The camera's wall (z,) in front of a section whose face has been at 1 since t = 0, or as given; it is held."""
     scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
-    face = face or Face(np.array([[0.0], [1.0], [1.0]]), np.array([0.0, 1e-9, time]), np.inf)
-    steps = tuple(map(np.array, zip(*steps, strict=True)))
-    return wall_rise(scene, steps, z, np.array([time]), section[None, None], face)[0, 0]
+    times, rise = face or (np.array([0.0, 1e-9, time]), np.array([0.0, 1.0, 1.0]))
+    begun, values = map(np.array, zip(*films, strict=True))
+    films = Films(begun, values, 0.0 * values)
+    return wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6))[0, 0]
+
+
+def along(times, rise, held):
+    """A block's face, alike in both columns of `lab.column`, held by as much (W/m2K) all the time or in each step."""
+    two = np.ones(2)
+    return Face(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two))
+
+
+def test_a_film_that_the_section_feels_cools_the_wall_below_it(lab):
+    """An even block, insulated at its face, that stands in the air: its wall cools as a plate's does, Bi = h W/2k, and
+    so does its mean, which the section is but for a part in ten (it cools as if the wall were as warm)."""
+    scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
+    z, film, k = np.array([5e-4, 3e-3]), 10.0, scene.block.conductivity
+    begin, time = 600.0, 1800.0
+    rate = 2.0 * film * scene.block.diffusivity / (k * W)
+    t = np.concatenate([[0.0], begin + np.linspace(1e-3, time, 400)])
+    even = np.exp(-rate * (t - begin)) * (t > 0)
+    face = along(t, even, np.where(t[1:] < begin + 1e-2, 1e6, 0.0))
+    still = Films(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]))
+    found = wall_rise(scene, still, z, t[-1:], np.full((1, 1, 2), even[-1]), face)[0, 0]
+    angle = brentq(lambda a: a * np.tan(a) - film * 0.5 * W / k, 0.1, 1.5)
+    size = 4.0 * np.sin(angle) / (2.0 * angle + np.sin(2.0 * angle))
+    exact = size * np.cos(angle) * np.exp(-((angle / (0.5 * W)) ** 2) * scene.block.diffusivity * time)
+    lab.check("wall of a block that stands in the air, over Heisler's", np.abs(found / exact - 1.0).max(), 0.02)
 
 
 def test_the_wall_of_a_face_that_warms_slowly(lab):
@@ -365,11 +388,10 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
         d = 2.0 * np.sqrt(D * t)
         return d * (np.exp(-((z / d) ** 2)) / np.sqrt(np.pi) - z / d * erfc(z / d))
 
-    face = np.append(0.0, depth / np.sqrt(np.pi))[:, None]
     scene = lab.scene(replace(lab.column(8, 0.05, 1e-4), y=np.array([-0.5, 0.5])))
-    found = wall_rise(
-        scene, (np.zeros(1), np.array([film])), z, t[-1:], warm(z, time)[None, None], Face(face, t, np.inf)
-    )[0, 0]
+    face = along(t, np.append(0.0, depth / np.sqrt(np.pi)), 1e6)
+    films = Films(np.zeros(1), np.array([film]), np.zeros(1))
+    found = wall_rise(scene, films, z, t[-1:], warm(z, time)[None, None], face)[0, 0]
     ages, weights = np.polynomial.legendre.leggauss(60)
     root = 0.5 * np.sqrt(time) * (ages + 1.0)  # of the age of what was drawn
     source, share = np.polynomial.legendre.leggauss(400)
@@ -381,41 +403,41 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
         drawn += w * np.sqrt(time) * film / 0.25 * np.sqrt(D / np.pi) * left
     seen = warm(z, time) > 0.05 * warm(0.0, time)
     off = np.abs(warm(z, time) - found - drawn)[seen] / drawn[seen].max()
-    lab.check("wall of a face that warms slowly, share of its cooling", off.max(), 0.04)
+    lab.check("wall of a face that warms slowly, share of its cooling", off.max(), 0.02)
 
 
 @pytest.mark.parametrize("after", [3.0, 8.0, 20.0, 35.0])
 def test_the_wall_remembers_ten_repetitions(lab, after):
     """35 s hot and 10 s held at the air's, nine times, then hot again: the older the swings, the closer they are."""
     film, hot, cold = 20.0, 35.0, 10.0
-    z, wall, mean = corner(*[(film, hot), (film, cold, 0.0)] * 9, (film, after), steps=60)
+    z, wall, middle = corner(*[(film, hot), (film, cold, 0.0)] * 9, (film, after), steps=60)
     begins = (hot + cold) * np.arange(10)
     times = np.sort(np.concatenate([begins, begins + 1e-6, begins[1:] - cold, begins[1:] - cold + 1e-6, [500.0]]))
-    rise = np.where((times % (hot + cold) > 5e-7) & (times % (hot + cold) < hot + 5e-7), 1.0, 0.0)[:, None]
-    found = wall_of(lab, z, mean, [(0.0, film)], begins[-1] + after, Face(rise, times, np.inf))
+    rise = np.where((times % (hot + cold) > 5e-7) & (times % (hot + cold) < hot + 5e-7), 1.0, 0.0)
+    found = wall_of(lab, z, middle, [(0.0, film)], begins[-1] + after, (times, rise))
     depth = (z > 2e-4) & (z < 6e-3)
-    off = np.abs(found - wall)[depth].max() / (mean - wall)[depth].max()
-    lab.check(f"wall of ten repetitions, {after:g} s into the last, over its cooling", off, 0.08)
+    off = np.abs(found - wall)[depth].max() / (middle - wall)[depth].max()
+    lab.check(f"wall of ten repetitions, {after:g} s into the last, over its cooling", off, 0.01)
 
 
 @pytest.mark.parametrize("after", [0.3, 8.0])
 def test_the_wall_remembers_the_film_that_it_had(lab, after):
     """30 W/m2K for 20 s, then 2: the wall warms up again as heat reaches it, not at once."""
     before = corner((30.0, 20.0))
-    z, wall, mean = corner((30.0, 20.0), (2.0, after))
+    z, wall, middle = corner((30.0, 20.0), (2.0, after))
     at = 20.0 + after
     depth = (z > 2e-4) & (z < 6e-3)
     largest = (1 - before[1] / before[2])[depth].max()
 
-    def off(*steps):
-        return np.abs(wall_of(lab, z, mean, steps, at) / mean - wall / mean)[depth].max() / largest
+    def off(*films):
+        return np.abs(wall_of(lab, z, middle, films, at) / middle - wall / middle)[depth].max() / largest
 
-    lab.check(f"wall {after:g} s after the film fell, over its cooling before", off((0.0, 30.0), (20.0, -28.0)), 0.04)
+    lab.check(f"wall {after:g} s after the film fell, over its cooling before", off((0.0, 30.0), (20.0, 2.0)), 0.03)
     assert off((0.0, 2.0)) > 0.35  # the film of the moment alone
 
 
 def corner(*stages, n=44, steps=120):
-    """Heights z, rise of the wall and mean across the width (n,) after stages (film, time, rise of the face if not 1)."""
+    """Heights z, rise of the wall and in the middle (n,) after stages (film, time, rise of the face if not 1)."""
     from scipy.sparse import csc_matrix, diags
     from scipy.sparse.linalg import splu
 
@@ -442,4 +464,4 @@ def corner(*stages, n=44, steps=120):
             T = solve(C / dt * T + source.ravel() * (face[0] if face else 1.0))
     T = T.reshape(n, n)
     inner = dy[0] / (2 * k)
-    return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), dy @ T / (W / 2)
+    return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), T[-1]

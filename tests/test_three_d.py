@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from flashtemp.camera.observation import observe
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.wall import Face, corner_length, wall_rise
+from flashtemp.camera.wall import corner_length
 from flashtemp.meshes import block_on_road
 from flashtemp.model.case import assemble
 from flashtemp.model.case_file import Places
@@ -99,51 +99,31 @@ def test_pressure_across_against_the_plane_with_a_sink(lab):
     lab.check("cosine of pressure against a plane with a sink", np.abs(found - T * cosine).max() / T.max(), 2e-4)
 
 
-def test_wall_is_cooler_than_the_middle_as_2d_guesses(lab):
-    """The 2D camera's correction for its cooler wall, against the wall that 3D resolves (W = 50 mm, H = 7 mm)."""
-    given = {"numerics__mesh": 0.4, "numerics__above": 10, "ambient__convection": 20.0, "output__fields": 2}
-    wide = lab.case(**given, numerics__across=60, numerics__first_y=5e-5)
-    mesh = wide.mesh
-    block = mesh.planes(wide.field[-1].astype(float) - wide.ambient_degC)[mesh.block]
-    middle = block[block.shape[0] // 2]
-    z = 0.5 * (mesh.height[1:] + mesh.height[:-1])
-    wall, mean = middle[:, 0] / (1 + 20.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity), middle @ mesh.share
-    line, whole = block.shape[0] // 2, Face.of(wide)
-    face = replace(whole, rise=whole.rise[:, line : line + 1])
-    scene = lab.scene(replace(lab.column(3, 0.007, 1e-3), y=wide.mesh.y[[0, -1]]))
-    steps = np.zeros(1), np.array([20.0])
-    guess = wall_rise(scene, steps, z, wide.time[-1:], mean[None, None], face)[0, 0]
-    seen = (z > 1e-3) & (z < 6e-3)
-    assert (wall / mean)[seen].max() < 0.995
-    lab.check("wall cooler, 2D guess over 3D", np.abs((mean - guess) / (mean - wall) - 1)[seen].max(), 0.06)
-
-
-@pytest.mark.long
-def test_wall_after_lifted_waits_is_cooler_than_2d_guesses(lab):
-    """While the block is lifted nothing holds its face, which the 2D guess does not know: most is off right after it."""
+@pytest.mark.parametrize("lifted", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_wall_that_2d_tells_is_the_one_that_3d_resolves(lab, lifted):
+    """Side wall and wake of three repetitions, whether the block waits in the air or in contact: 25 W/m2K draw 9 % of the
+    rise from the wall."""
     given = {
-        "numerics__mesh": 0.5, "numerics__above": 10, "ambient__convection": 25.0, "contact__spot_fraction": 0.1,
-        "contact__spot_diameter": 1.6e-3, "schedule__speed": 0.06, "schedule__distance": 0.48, "schedule__repetitions": 3,
-        "schedule__wait": 7.0, "output__fields": 10,
+        "numerics.mesh": 0.5, "numerics.above": 10, "ambient.convection": 25.0, "contact.spot_fraction": 0.1,
+        "contact.spot_diameter": 1.6e-3, "schedule.speed": 0.06, "schedule.distance": 0.48, "schedule.repetitions": 3,
+        "schedule.wait": 7.0, "schedule.lifted": lifted,
     }  # fmt: skip
-    wide = lab.case(**given, numerics__across=40, numerics__first_y=6e-5)
-    mesh, z = wide.mesh, 0.5 * (wide.mesh.height[1:] + wide.mesh.height[:-1])
-    line = (mesh.last - mesh.first) // 2
-    whole = Face.of(wide)
-    face = replace(whole, rise=whole.rise[:, line : line + 1])
-    scene = lab.scene(replace(lab.column(3, 0.007, 1e-3), y=mesh.y[[0, -1]]))
-    films, seen, off = (np.zeros(1), np.array([25.0])), (z > 1e-3) & (z < 6e-3), {}
-    for since, share in (("first", 0.9), ("third, soon", 0.1), ("third, end", 0.9)):
-        at = (share + (0.0 if since == "first" else 2.0)) * 8.0 + (0.0 if since == "first" else 14.0)
-        k = int(np.abs(wide.time[wide.frames] - at).argmin())
-        middle = mesh.planes(wide.field[k].astype(float) - wide.ambient_degC)[mesh.block][line]
-        wall = middle[:, 0] / (1 + 25.0 * 0.5 * np.diff(mesh.y)[0] / lab.RUBBER.conductivity)
-        mean = middle @ mesh.share
-        guess = wall_rise(scene, films, z, wide.time[wide.frames][k : k + 1], mean[None, None], face)[0, 0]
-        off[since] = float(np.abs((wall - guess)[seen]).max() / (mean - wall)[seen].max())
-    lab.check("wall in the first repetition, share of its cooling", off["first"], 0.04)
-    lab.check("wall soon after the second lifted wait", off["third, soon"], 0.16)
-    lab.check("wall at the end of the third repetition", off["third, end"], 0.09)
+    times = np.array([2.0, 7.9, 8.5, 14.9, 15.5, 18.0, 22.9, 29.9, 30.5, 34.0, 37.9])
+    x, z = np.linspace(5e-4, 0.0245, 25), np.linspace(3e-4, 6.5e-3, 25)
+    images = []
+    for across in ({}, {"numerics.across": 60, "numerics.first_y": 3e-5}):
+        made = assemble({}, given | across, Places("none"), Path(), "wall")
+        run = march(made.scene, replace(made.settings, times=tuple(times)))
+        images.append(observe(run, made.scene, seen("sidewall", times, x, z)).temperature - run.ambient_degC)
+        if not across:
+            bare = replace(made.scene, acting=tuple(a for a in made.scene.acting if a.name != "convection"))
+            images.append(observe(run, bare, seen("sidewall", times, x, z)).temperature - run.ambient_degC)
+    guess, without, wall = images
+    rise = wall.max(axis=(1, 2), keepdims=True)
+    off, drawn = (np.abs(image - wall) / rise for image in (guess, without))
+    assert drawn[-1].max() > 0.05
+    lab.check("wall that 2D tells, share of the rise", off.max(), 0.0015)
+    lab.check("wall that 2D tells, share of its cooling", (off.max(axis=(1, 2)) / drawn.max(axis=(1, 2))).max(), 0.02)
 
 
 @pytest.mark.long

@@ -8,8 +8,9 @@ flowed in.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -18,7 +19,19 @@ from flashtemp.physics.arrays import Array
 from flashtemp.physics.material import Material
 
 ACROSS, UP = 12, 18  # modes
+FAR = 6.0  # roots of diffusivity and time, beyond which no heat comes
 SLOW = 1e-9  # 1/s, taken for the rate of what does not decay
+
+
+@lru_cache
+def _basis(count: int) -> tuple[Array, Array]:
+    """Coefficients that make polynomials in the root of a depth from 0 to 1 orthonormal over it, and -d2/dz2 among them."""
+    nodes, weights = legendre.leggauss(2 * count)
+    weights, stretch = 0.5 * weights, nodes + 1.0
+    values = legendre.legvander(nodes, count - 1)
+    slopes = 2.0 * legendre.legval(nodes, legendre.legder(np.eye(count))).T
+    make = np.linalg.inv(np.linalg.cholesky((values.T * (weights * stretch)) @ values))
+    return make, make @ ((slopes.T * (weights / stretch)) @ slopes) @ make.T
 
 
 @dataclass(frozen=True)
@@ -31,22 +44,10 @@ class Slab:
     depth: float
     count: int
 
-    @cached_property
-    def _basis(self) -> tuple[Array, Array]:
-        """Coefficients that make the polynomials orthonormal, and -d2/dz2 among them in 1/m2."""
-        nodes, weights = legendre.leggauss(2 * self.count)
-        root, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-        values = legendre.legvander(nodes, self.count - 1)
-        slopes = 2.0 * legendre.legval(nodes, legendre.legder(np.eye(self.count)), tensor=True).T
-        stretch = 2.0 * self.depth * root
-        mass = (values.T * (weights * stretch)) @ values
-        make = np.linalg.inv(np.linalg.cholesky(mass))
-        return make, make @ ((slopes.T * (weights / stretch)) @ slopes) @ make.T
-
     def at(self, z: Array) -> Array:
         """The functions (z, count) at depths z (m)."""
         values: Array = legendre.legvander(2.0 * np.sqrt(np.asarray(z) / self.depth) - 1.0, self.count - 1)
-        return values @ self._basis[0].T
+        return values @ _basis(self.count)[0].T / np.sqrt(self.depth)
 
     @cached_property
     def foot(self) -> Array:
@@ -60,7 +61,7 @@ class Slab:
 
     def modes(self, diffusivity: float, held: Array) -> tuple[Array, Array]:
         """Rates (..., count) in 1/s and vectors (..., count, count) of a face `held` (...) 1/m by what lies beyond."""
-        stiff = self._basis[1] + np.asarray(held)[..., None, None] * np.outer(self.foot, self.foot)
+        stiff = _basis(self.count)[1] / self.depth**2 + np.asarray(held)[..., None, None] * np.outer(self.foot, self.foot)
         rates, vectors = np.linalg.eigh(diffusivity * stiff)
         return np.maximum(rates, SLOW), vectors
 
@@ -69,13 +70,15 @@ class Slab:
 class Corner:
     """A block of some `width` and `height` (m), and what acts on it in each of n - 1 steps between `times` (n,) in s.
 
-    `rise` (n, x) in K of the face far from the walls, `hold` (n - 1, x) W/m2K by which the contact holds it, `film`
-    (n - 1,) W/m2K of the walls, `fin` (n - 1,) that part of the film which the section itself feels, as a whole.
+    `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls, `hold`
+    (n - 1, x) W/m2K by which the contact holds it, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part of the
+    side walls' film which the section itself feels, as a whole.
     """
 
     block: Material
     width: float
     height: float
+    edges: Array
     times: Array
     rise: Array
     hold: Array
@@ -87,34 +90,46 @@ class Corner:
 
         `moments` are numbers of `times`, z heights (m) above the face.
         """
-        up, across = Slab(self.height, UP), Slab(0.5 * self.width, ACROSS)
-        k, D, at = self.block.conductivity, self.block.diffusivity, up.at(z)
-        out, n = np.zeros((len(moments), self.rise.shape[1], len(z))), self.rise.shape[1]
-        state, plain = np.zeros((n, ACROSS, UP)), np.zeros((n, UP))  # of the corner, and of the block without a wall
-        wanted = {int(number): row for row, number in enumerate(moments)}
-        turn, turned = np.eye(ACROSS), np.broadcast_to(np.eye(UP), (n, UP, UP))
-        now, rates = None, (np.zeros(0), np.zeros(0))
+        k, D = self.block.conductivity, self.block.diffusivity
+        far = FAR * np.sqrt(D * (self.times[-1] - self.times[0]))
+        up, across = Slab(min(self.height, far), UP), Slab(min(0.5 * self.width, far), ACROSS)
+        at = up.at(np.minimum(z, up.depth))
+        out, wanted = np.zeros((len(moments), self.rise.shape[1], len(z))), {int(m): row for row, m in enumerate(moments)}
+        state = np.zeros((self.rise.shape[1], ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
+        kinds, turn, now = {}, np.eye(ACROSS), -1
         for i, dt in enumerate(np.diff(self.times)):
-            if now is None or self.film[i] != self.film[now] or not np.array_equal(self.hold[i], self.hold[now]):
-                state = turn @ state @ turned.swapaxes(-1, -2)
-                plain = (turned @ plain[..., None])[..., 0]
-                (wall, turn), (face, turned) = across.modes(D, self.film[i] / k), up.modes(D, self.hold[i] / k)
-                state, plain = turn.T @ state @ turned, (plain[:, None] @ turned)[:, 0]
-                enters = D / k * (up.foot @ turned)
-                spread, rates, now = (across.whole @ turn)[:, None], (wall, face), i
-            sinking = rates[1] + 2.0 * self.fin[i] * D / (k * self.width)
-            kept, gone = np.exp(-rates[1] * dt)[:, None] * np.exp(-rates[0] * dt)[:, None], np.exp(-sinking * dt)
-            gain = (1.0 - gone) / sinking * enters
-            foot = k / D * enters
-            flux = (self.rise[i + 1] - (foot * gone * plain).sum(axis=-1)) / (foot * gain).sum(axis=-1)
-            plain = gone * plain + gain * flux[:, None]
-            into = (1.0 - kept) / (rates[0][:, None] + rates[1][:, None]) * (spread * enters[:, None])
-            state = kept * state + into * flux[:, None, None]
+            if now < 0 or self.film[i] != self.film[now]:
+                state[:, :-1] = turn @ state[:, :-1]
+                wall, turn = across.modes(D, np.array(self.film[i] / k))
+                state[:, :-1] = turn.T @ state[:, :-1]
+                along, spread = self._along(self.film[i]), np.append(across.whole @ turn, 1.0)[:, None]
+            held = self.hold[i].tobytes()
+            if held not in kinds:
+                kinds[held] = up.modes(D, self.hold[i] / k)
+            (face, turned), now = kinds[held], i
+            foot = up.foot @ turned
+            sinking = np.append(wall, 2.0 * self.fin[i] * D / (k * self.width))[:, None]
+            rates = sinking + face[:, None]
+            kept = np.exp(-sinking * dt) * np.exp(-face * dt)[:, None]
+            state = kept * ((along(dt) @ state.reshape(len(state), -1)).reshape(state.shape) @ turned)
+            gain = (1.0 - kept) / rates * (D / k * foot[:, None] * spread)
+            flux = (self.rise[i + 1] - (foot * state[:, -1]).sum(axis=-1)) / (foot * gain[:, -1]).sum(axis=-1)
+            state = (state + gain * flux[:, None, None]) @ turned.swapaxes(-1, -2)
             if i + 1 in wanted:
-                section = (turned @ plain[..., None])[..., 0] @ at.T
-                seen = (turned @ ((across.foot @ turn) @ state)[..., None])[..., 0] @ at.T
+                section, seen = state[:, -1] @ at.T, (across.foot @ turn) @ state[:, :-1] @ at.T
                 out[wanted[i + 1]] = _share(section - seen, section)
         return out
+
+    def _along(self, film: float) -> Callable[[float], Array]:
+        """What a time (s) makes of temperatures (x,) in cells along the block, whose ends a film (W/m2K) cools."""
+        k, size = self.block.conductivity, np.diff(self.edges)
+        between = 2.0 * k / (size[1:] + size[:-1])
+        end = 1.0 / (0.5 * size[[0, -1]] / k + 1.0 / max(film, SLOW))
+        out = np.concatenate([end[:1], between]) + np.concatenate([between, end[1:]])
+        root = np.sqrt(size)
+        stiff = (np.diag(out) - np.diag(between, 1) - np.diag(between, -1)) / np.outer(root, root)
+        rates, vectors = np.linalg.eigh(self.block.diffusivity / k * stiff)
+        return lambda dt: (vectors / root[:, None] * np.exp(-rates * dt)) @ (vectors.T * root)
 
 
 def _share(lack: Array, section: Array) -> Array:

@@ -25,27 +25,24 @@ FIRMEST = 1e6  # W/m2K
 def firmness(scene: Scene, times: Array, rise: Array) -> Array:
     """H (n - 1, x) in W/m2K by which the face's `rise` (n, x) in K, kept at `times` (n,) in s, is held in between.
 
-    It is that of the phase of the schedule, for the shape that the rise has over it.
+    It is that of a phase of the schedule, for the mean shape that the rise has in all that are like it.
     """
     laws, mid = Laws(scene), 0.5 * (times[1:] + times[:-1])
     out = np.zeros((len(mid), rise.shape[1]))
-    passing: dict[tuple, tuple[Array, Array]] = {}
+    alike: dict[tuple, tuple[Moment, list[Array]]] = {}  # phases in which the contact is the same
     for phase in scene.schedule.phases:
         here = (mid > phase.begin) & (mid <= phase.end)
-        if not here.any():
-            continue
         now = scene.moment(phase, 0.5 * (phase.begin + phase.end))
-        if not now.touching:
+        if now.touching and here.any():
+            alike.setdefault((now.speed, now.pressure, now.waited, now.direction), (now, []))[1].append(here)
+        else:
             films = laws.films.get("block.face", [])
             out[here] = min(sum(part.law(now, p) for part, p, _ in films), FIRMEST)
-            continue
-        shape = np.maximum(rise[1:][here].mean(axis=0), 0.0)[:: now.direction]
+    for now, parts in alike.values():
+        shape = np.maximum(rise[1:][np.any(parts, axis=0)].mean(axis=0), 0.0)[:: now.direction]
         shape = shape + 0.01 * shape.max() if shape.any() else np.ones_like(shape)
-        key = now.speed, now.pressure, now.waited
-        if key not in passing:
-            passing[key] = _passing(scene, laws, now)
-        phi, resistance = passing[key]
-        out[here] = (phi * np.linalg.solve(resistance, shape) / shape)[:: now.direction]
+        phi, resistance = _passing(scene, laws, now)
+        out[np.any(parts, axis=0)] = (phi * np.linalg.solve(resistance, shape) / shape)[:: now.direction]
     return np.clip(out, 0.0, FIRMEST)
 
 

@@ -20,7 +20,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
-PLACES = 9  # along the block, between which the wall follows splines
+PLACES = 14  # groups of columns along the block, between which the wall follows splines
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 
 
@@ -58,18 +58,27 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face) -> np.n
     reach = max(times)
     asked = [face.times, films.begun, times]
     moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
-    columns = face.rise.shape[1]
-    places = np.unique(np.linspace(0, columns - 1, PLACES).round().astype(int))
     mid = 0.5 * (moments[1:] + moments[:-1])
     since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
+    first, groups, mean = _places(scene)
     corner = Corner(
-        scene.block, scene.width, scene.height, moments, between(face.rise[:, places], face.times, moments),
-        face.hold[since][:, places], films.at(mid, films.wall), films.at(mid, films.section),
+        scene.block, scene.width, scene.height, groups, moments, between(face.rise @ mean, face.times, moments),
+        (face.hold @ mean)[since], films.at(mid, films.wall), films.at(mid, films.section),
     )  # fmt: skip
     lacks = corner.lacks(z, np.searchsorted(moments, np.clip(times, moments[0], reach)))
-    if len(places) > 1:
-        lacks = CubicSpline(places, lacks, axis=1)(np.arange(columns))
+    if len(first) > 2:
+        lacks = CubicSpline(0.5 * (first[1:] + first[:-1]), lacks, axis=1)(np.arange(first[-1]) + 0.5)
     return section * (1.0 - lacks)
+
+
+def _places(scene: Scene):
+    """Where groups of columns begin, last the number of all; their edges (m), and means over them (columns, groups)."""
+    mesh = scene.mesh
+    edges = mesh.x[mesh.first : mesh.last + 1]
+    first = np.unique(np.linspace(0, len(edges) - 1, PLACES + 1).round().astype(int))
+    group = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    inside = group[:, None] == np.arange(len(first) - 1)
+    return first, edges[first], inside * np.diff(edges)[:, None] / np.diff(edges[first])
 
 
 @dataclass(frozen=True)

@@ -219,7 +219,7 @@ def live(world, asked):
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.grid(p)[1]), world.convection)
+    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.places(p)), world.convection)
     lacks = {t: wall.step(t, *now) for t, *now in history}
     return s, [replace(m, lacks=lacks.get(m.t)) for m in moments], np.array(times), np.array(cell)
 

@@ -1,95 +1,101 @@
-"""What the air draws from the side wall of a block: waves up it and across it, held at the face or free; no closure.
+"""What the air draws from the side wall of a block: cosines along it, up it and across it; no closure.
 
-What a draw takes is spread by diffusion, up the block among waves that the contact holds at the face while the block
-slides and that are free while it is lifted, across it among cosines.  A draw is proportional to the wall's own rise and
-linear in time between moments; cosines that are too short to matter follow it at once.
+Whatever is drawn spreads by diffusion, each product of cosines by itself.  Draws are linear in time between moments: by
+the air from the wall as far as that is warm, by the ends of the block, and by the contact, which passes on less where the
+face is cooler.  Cosines that are too short to matter follow at once.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
-HEIGHTS, PLACES = 160, 16
-WAVES, COSINES = 64, 48
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(128)
+ALONG, UP, ACROSS = 24, 64, 40
+HEIGHTS, SWEEPS = 160, 4
 
 
 class Wall:
-    """What a block's wall lacks at some places along it, from t = 0 on."""
+    """What a block's wall lacks against its section, from t = 0 on: sizes of the cosines (across, along, up)."""
 
     def __init__(self, pair, held, free):
         """`held` (places,) and `free` (W/m2K): what leaves the face for every kelvin that it is warmer."""
-        self.pair, (z, places) = pair, self.grid(pair)
-        self.up = {True: Waves(pair, held, z), False: Waves(pair, np.full(PLACES, free), z)}
-        self.above, self.along = pair.above(self.up[True].nodes), pair.along(places)
-        n, half = np.arange(COSINES + 1), 0.5 * pair.width
-        self.across = (n * np.pi / half)[:, None, None]
-        self.share = np.where(n > 0, 2.0, 1.0)[:, None, None] / (half * pair.rc)
-        short = np.pi**2 / 6.0 - (1.0 / n[1:] ** 2).sum()
-        self.tail = 2.0 * half / (np.pi**2 * pair.k) * short
-        self.t, self.touching = 0.0, True
-        self.left = np.zeros((COSINES + 1, PLACES, WAVES))
-        self.draw = np.zeros((COSINES + 1, PLACES, WAVES))
+        self.pair, self.hold = pair, {True: held, False: np.full(ALONG, free)}
+        places, (z, _) = self.places(pair), self.grid(pair)
+        numbers = (np.arange(count) for count in (ACROSS + 1, ALONG, UP + 1))
+        sizes = (0.5 * pair.width, pair.length, pair.height)
+        waves = [np.pi * n / size for n, size in zip(numbers, sizes, strict=True)]
+        self.rate = pair.k / pair.rc * sum(w**2 for w in np.ix_(*waves))
+        self.share, self.along, self.up = (np.where(w > 0.0, 2.0, 1.0) for w in waves)
+        self.share = self.share[:, None, None] / (sizes[0] * pair.rc)
+        self.foot = self.up / (sizes[2] * pair.rc)
+        self.cosines, self.ends = np.cos(np.outer(places, waves[1])), (-1.0) ** np.arange(ALONG)
+        self.back = self.along[:, None] * self.cosines.T / ALONG
+        nodes = (np.arange(4 * UP) + 0.5) * pair.height / (4 * UP)
+        self.over = (self.up[:, None] * np.cos(np.outer(waves[2], nodes))) @ pair.above(nodes) / len(nodes)
+        self.section = self.back @ pair.along(places)
+        self.seen = np.cos(np.outer(z, waves[2])), np.cos(np.outer(self.grid(pair)[1], waves[1]))
+        short = [2.0 * size / (np.pi**2 * pair.k) * _tail(n) for size, n in ((sizes[0], ACROSS), (sizes[2], UP))]
+        self.beyond, self.under = short
+        n = np.arange(UP + 1, 16 * UP)
+        part = np.cos(np.outer(z, np.pi * n / pair.height)) @ (1.0 / n**2)
+        self.shallow = 2.0 * pair.height / (np.pi**2 * pair.k) * part
+        self.t, self.touching, self.left = 0.0, True, np.zeros(self.rate.shape)
+        self.draw, self.flux = np.zeros(self.rate.shape), np.zeros((ACROSS + 1, ALONG))
 
     @staticmethod
     def grid(pair):
-        """Heights (m) from the face on, and places along the block."""
-        return np.linspace(0.0, pair.height, HEIGHTS + 1), np.linspace(0.0, pair.length, PLACES)
+        """Heights (m) from the face on, and places along the block, at which one may look."""
+        return np.linspace(0.0, pair.height, HEIGHTS + 1), np.linspace(0.0, pair.length, 2 * ALONG + 1)
+
+    @staticmethod
+    def places(pair):
+        """Places (m) along the block at which the contact holds it."""
+        return (np.arange(ALONG) + 0.5) * pair.length / ALONG
 
     def step(self, t, film, fin, touching, amplitude, air):
         """Go on to t (s) with a `film` (W/m2K) of which the section itself feels `fin`; what is lacking (z, places)."""
+        section = self.section @ amplitude @ self.over.T
+        section[0, 0] -= air
+        kept, young, old = _within(self.rate, t - self.t)
         if touching != self.touching:
-            turn = self.up[touching].overlap(self.up[self.touching])
-            self.left, self.draw = (np.einsum("pij,npj->npi", turn, a) for a in (self.left, self.draw))
-            self.touching = touching
-        up, p = self.up[touching], self.pair
-        section = up.project(self.above @ amplitude.T @ self.along.T - air)
-        rate = p.k / p.rc * (self.across**2 + up.wave**2)
-        kept, young, old = _within(rate, t - self.t)
-        beside = np.where(self.across > 0.0, 0.0, fin * section)
-        known = kept * self.left + self.share * (old * self.draw - young * beside)
-        answer = (self.share * young).sum(axis=0) + self.tail
-        wall = (section - known.sum(axis=0)) / (1.0 + film * answer)
-        self.draw = film * wall - beside
-        self.left = known + self.share * young * film * wall
-        self.t = t
-        return up.values(self.left.sum(axis=0) + self.tail * film * wall)
+            self.flux, self.touching = self.hold[touching] * self._face(self.left, self.flux), touching
+        hold, beside = self.hold[touching], np.zeros_like(self.left)
+        beside[0] = fin * section
+        known = kept * self.left + self.share * (old * self.draw - young * beside) + (young + old) * self._ends(film)
+        known = known - old * self._into(self.flux)
+        reply = (self.cosines * (young @ self.foot)[:, None]) @ self.back + self.under * np.eye(ALONG)
+        reply = np.eye(ALONG) + reply * hold
+        answer = film * ((self.share * young).sum(axis=0) + self.beyond)
+        drawn, state = np.zeros_like(section), known
+        for _ in range(SWEEPS):  # wall and face draw on one another
+            flux = hold * np.linalg.solve(reply, self._face(known + self.share * young * drawn)[..., None])[..., 0]
+            held = young * self._into(flux)
+            drawn = film * (section - (known - held).sum(axis=0)) / (1.0 + answer)
+            state = known - held + self.share * young * drawn
+        self.t, self.left, self.flux, self.draw = t, state, flux, drawn - beside
+        total = state.sum(axis=0) + self.beyond * drawn
+        return self.seen[0] @ total.T @ self.seen[1].T - self._shallow(flux)
+
+    def _face(self, state, flux=0.0):
+        """What lacks at the face (across, places)."""
+        return state.sum(axis=2) @ self.cosines.T - self.under * flux
+
+    def _into(self, flux):
+        """Rates of the sizes by a flux (across, places) W/m2 through the face, which makes up for what lacks."""
+        return (flux @ self.back.T)[..., None] * self.foot
+
+    def _ends(self, film):
+        """Rates of the sizes by the films of both ends, at the present state."""
+        at = [self.left.sum(axis=1), np.einsum("c,ncu->nu", self.ends, self.left)]
+        out = at[0][:, None] + at[1][:, None] * self.ends[:, None]
+        return -film / (self.pair.rc * self.pair.length) * self.along[:, None] * out
+
+    def _shallow(self, flux):
+        """What waves too short to count make of it close to the face (z, places), K."""
+        return np.outer(self.shallow, flux.sum(axis=0) @ self.back.T @ self.seen[1].T)
 
 
-class Waves:
-    """Cosines that end flat at the block's back and obey k dT/dz = H T at its face; orthonormal, for H (places,)."""
-
-    def __init__(self, pair, held, z):
-        self.height = pair.height
-        angles = [
-            brentq(lambda q, n=n, b=b: (q + n * np.pi) * np.sin(q) - b * np.cos(q), 0.0, 0.5 * np.pi) + n * np.pi
-            for b in np.maximum(held, 1e-6) * pair.height / pair.k
-            for n in range(WAVES)
-        ]
-        self.wave = np.reshape(angles, (len(held), WAVES)) / pair.height
-        twice = 2.0 * self.wave * pair.height
-        self.size = 1.0 / np.sqrt(0.5 * pair.height * (1.0 + np.sin(twice) / twice))
-        self.nodes = 0.5 * pair.height * (1.0 + NODES)
-        self.onto = 0.5 * pair.height * WEIGHTS[:, None] * self._at(self.nodes)
-        self.seen = self._at(z)
-
-    def _at(self, z):
-        return self.size[:, None] * np.cos((self.height - z)[None, :, None] * self.wave[:, None])
-
-    def project(self, field):
-        """Sizes (places, waves) of a field (nodes, places)."""
-        return np.einsum("pzm,zp->pm", self.onto, field)
-
-    def values(self, sizes):
-        """The field (z, places)."""
-        return np.einsum("pzm,pm->zp", self.seen, sizes)
-
-    def overlap(self, other):
-        """What waves (places, own, other) of another kind are made of; exact."""
-        a, b, h = self.wave[:, :, None], other.wave[:, None], self.height
-        both = 0.5 * h * (np.sinc((a - b) * h / np.pi) + np.sinc((a + b) * h / np.pi))
-        return both * self.size[:, :, None] * other.size[:, None]
+def _tail(count):
+    return np.pi**2 / 6.0 - (1.0 / np.arange(1, count + 1) ** 2).sum()
 
 
 def _within(rate, dt):

@@ -1,9 +1,9 @@
 """A corner of the block in its section across: what films on the walls take from heat that came in through the face.
 
 Up the block and across it heat spreads alike wherever it is, so that temperature is a sum of products of two slabs'
-modes: one is held at its face by the contact, the other is cooled at its wall.  Both decay exactly, and what flows in
-through the face is even within a step.  Beside it goes the same block without a wall, whose face is known; it tells what
-flowed in.
+modes: one is held at its face by the contact, the other is cooled at its wall.  Both decay exactly; then heat spreads
+along the block.  What flows in through the face is even within a step.  Beside it goes the same block without a side
+wall, whose face is known: it tells what flowed in.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -25,7 +26,7 @@ SLOW = 1e-9  # 1/s, taken for the rate of what does not decay
 
 @lru_cache
 def _basis(count: int) -> tuple[Array, Array]:
-    """Coefficients that make polynomials in the root of a depth from 0 to 1 orthonormal over it, and -d2/dz2 among them."""
+    """Coefficients that make polynomials in the root of a depth from 0 to 1 orthonormal, and -d2/dz2 among them."""
     nodes, weights = legendre.leggauss(2 * count)
     weights, stretch = 0.5 * weights, nodes + 1.0
     values = legendre.legvander(nodes, count - 1)
@@ -46,8 +47,9 @@ class Slab:
 
     def at(self, z: Array) -> Array:
         """The functions (z, count) at depths z (m)."""
-        values: Array = legendre.legvander(2.0 * np.sqrt(np.asarray(z) / self.depth) - 1.0, self.count - 1)
-        return values @ _basis(self.count)[0].T / np.sqrt(self.depth)
+        values = legendre.legvander(2.0 * np.sqrt(np.asarray(z) / self.depth) - 1.0, self.count - 1)
+        functions: Array = values @ _basis(self.count)[0].T / np.sqrt(self.depth)
+        return functions
 
     @cached_property
     def foot(self) -> Array:
@@ -61,7 +63,9 @@ class Slab:
 
     def modes(self, diffusivity: float, held: Array) -> tuple[Array, Array]:
         """Rates (..., count) in 1/s and vectors (..., count, count) of a face `held` (...) 1/m by what lies beyond."""
-        stiff = _basis(self.count)[1] / self.depth**2 + np.asarray(held)[..., None, None] * np.outer(self.foot, self.foot)
+        stiff = _basis(self.count)[1] / self.depth**2 + np.asarray(held)[..., None, None] * np.outer(
+            self.foot, self.foot
+        )
         rates, vectors = np.linalg.eigh(diffusivity * stiff)
         return np.maximum(rates, SLOW), vectors
 
@@ -70,9 +74,9 @@ class Slab:
 class Corner:
     """A block of some `width` and `height` (m), and what acts on it in each of n - 1 steps between `times` (n,) in s.
 
-    `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls, `hold`
-    (n - 1, x) W/m2K by which the contact holds it, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part of the
-    side walls' film which the section itself feels, as a whole.
+    `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls,
+    `hold` (n - 1, x) W/m2K by which the contact holds it, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part
+    of the side walls' film which the section itself feels, as a whole.
     """
 
     block: Material
@@ -85,40 +89,54 @@ class Corner:
     film: Array
     fin: Array
 
-    def lacks(self, z: Array, moments: Array) -> Array:
-        """How much cooler than the section the wall is, as a share (moments, x, z) of the section's rise.
+    def lacks(self, z: Array, y: Array, moments: Array) -> tuple[Array, Array]:
+        """How much cooler than the section the block is `y` (m) off its wall and z (m) above its face, as a share
+        (moments, x, y, z) of the section's rise; and the flux (moments, x) in W/m2 that comes in through the face.
 
-        `moments` are numbers of `times`, z heights (m) above the face.
+        `moments` are numbers of `times`.
         """
-        k, D = self.block.conductivity, self.block.diffusivity
-        far = FAR * np.sqrt(D * (self.times[-1] - self.times[0]))
+        far = FAR * np.sqrt(self.block.diffusivity * (self.times[-1] - self.times[0]))
         up, across = Slab(min(self.height, far), UP), Slab(min(0.5 * self.width, far), ACROSS)
-        at = up.at(np.minimum(z, up.depth))
-        out, wanted = np.zeros((len(moments), self.rise.shape[1], len(z))), {int(m): row for row, m in enumerate(moments)}
-        state = np.zeros((self.rise.shape[1], ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
-        kinds, turn, now = {}, np.eye(ACROSS), -1
+        at, off = up.at(np.minimum(z, up.depth)), across.at(np.minimum(y, across.depth))
+        walls = {film: self._wall(across, film) for film in np.unique(self.film)}
+        faces = {row.tobytes(): self._face(up, row) for row in np.unique(self.hold, axis=0)}
+        places, wanted = len(self.edges) - 1, set(np.asarray(moments).tolist())
+        state = np.zeros((places, ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
+        turn = np.eye(ACROSS)
+        seen = {0: (np.zeros((places, len(y), len(z))), np.zeros(places))}
         for i, dt in enumerate(np.diff(self.times)):
-            if now < 0 or self.film[i] != self.film[now]:
-                state[:, :-1] = turn @ state[:, :-1]
-                wall, turn = across.modes(D, np.array(self.film[i] / k))
-                state[:, :-1] = turn.T @ state[:, :-1]
-                along, spread = self._along(self.film[i]), np.append(across.whole @ turn, 1.0)[:, None]
-            held = self.hold[i].tobytes()
-            if held not in kinds:
-                kinds[held] = up.modes(D, self.hold[i] / k)
-            (face, turned), now = kinds[held], i
-            foot = up.foot @ turned
-            sinking = np.append(wall, 2.0 * self.fin[i] * D / (k * self.width))[:, None]
-            rates = sinking + face[:, None]
-            kept = np.exp(-sinking * dt) * np.exp(-face * dt)[:, None]
-            state = kept * ((along(dt) @ state.reshape(len(state), -1)).reshape(state.shape) @ turned)
-            gain = (1.0 - kept) / rates * (D / k * foot[:, None] * spread)
-            flux = (self.rise[i + 1] - (foot * state[:, -1]).sum(axis=-1)) / (foot * gain[:, -1]).sum(axis=-1)
-            state = (state + gain * flux[:, None, None]) @ turned.swapaxes(-1, -2)
+            wall, face = walls[self.film[i]], faces[self.hold[i].tobytes()]
+            if wall.turn is not turn:
+                state[:, :-1] = wall.turn.T @ turn @ state[:, :-1]
+                turn = wall.turn
+            state, flux = self._step(i, dt, state, wall, face)
             if i + 1 in wanted:
-                section, seen = state[:, -1] @ at.T, (across.foot @ turn) @ state[:, :-1] @ at.T
-                out[wanted[i + 1]] = _share(section - seen, section)
-        return out
+                section, here = state[:, -1:] @ at.T, off @ turn @ state[:, :-1] @ at.T
+                seen[i + 1] = _share(section - here, section), flux - self.hold[i] * self.rise[i + 1]
+        shares, came = zip(*(seen[m] for m in np.asarray(moments).tolist()), strict=True)
+        return np.array(shares), np.array(came)
+
+    def _step(self, i: int, dt: float, state: Array, wall: _Wall, face: _Face) -> tuple[Array, Array]:
+        """The state after dt (s), and what had to flow in (x,) W/m2 for the face to be as warm as it is."""
+        fin = 2.0 * self.fin[i] * self.block.diffusivity / (self.block.conductivity * self.width)
+        sinking = np.append(wall.rates, fin)[:, None]
+        kept = np.exp(-sinking * dt) * np.exp(-face.rates * dt)[:, None]
+        gain = (
+            (1.0 - kept) / np.maximum(sinking + face.rates[:, None], SLOW) * wall.whole[:, None] * face.enters[:, None]
+        )
+        along = (wall.along(dt) @ state.reshape(len(state), -1)).reshape(state.shape)
+        left = kept * (along @ face.turn)
+        flux = (self.rise[i + 1] - (face.foot * left[:, -1]).sum(axis=1)) / (face.foot * gain[:, -1]).sum(axis=1)
+        return (left + gain * flux[:, None, None]) @ face.turn.swapaxes(1, 2), flux
+
+    def _face(self, up: Slab, hold: Array) -> _Face:
+        rates, turn = up.modes(self.block.diffusivity, hold / self.block.conductivity)
+        foot = up.foot @ turn
+        return _Face(rates, turn, foot, self.block.diffusivity / self.block.conductivity * foot)
+
+    def _wall(self, across: Slab, film: float) -> _Wall:
+        rates, turn = across.modes(self.block.diffusivity, np.array(film / self.block.conductivity))
+        return _Wall(rates, turn, np.append(across.whole @ turn, 1.0), self._along(film))
 
     def _along(self, film: float) -> Callable[[float], Array]:
         """What a time (s) makes of temperatures (x,) in cells along the block, whose ends a film (W/m2K) cools."""
@@ -130,6 +148,24 @@ class Corner:
         stiff = (np.diag(out) - np.diag(between, 1) - np.diag(between, -1)) / np.outer(root, root)
         rates, vectors = np.linalg.eigh(self.block.diffusivity / k * stiff)
         return lambda dt: (vectors / root[:, None] * np.exp(-rates * dt)) @ (vectors.T * root)
+
+
+class _Face(NamedTuple):
+    """Modes up the block: rates (x, up) 1/s, vectors, values at the face, and rates by a flux of 1 W/m2."""
+
+    rates: Array
+    turn: Array
+    foot: Array
+    enters: Array
+
+
+class _Wall(NamedTuple):
+    """Modes across: rates (across,) 1/s, vectors, sizes of what is even and of the block without walls; along x."""
+
+    rates: Array
+    turn: Array
+    whole: Array
+    along: Callable[[float], Array]
 
 
 def _share(lack: Array, section: Array) -> Array:

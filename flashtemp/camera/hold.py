@@ -1,7 +1,7 @@
 """How firmly the contact holds the block's face: what flows out of it for every kelvin that it is warmer.
 
-Spots take heat through what lies in the contact and their flash resistance R into lanes that were not warm when they came
-under the block, on the share phi of the face, so that a rise T(x) of the face loses phi J(x), where
+On the share phi of the face spots pass heat on through what lies in the contact and their flash resistance, R, to lanes
+that were not warm when they came under the block.  A rise T(x) of the face loses phi J(x), where
 
     T(x) = R J(x) + int_0^x c((x - x')/v) / (e_S sqrt(pi v (x - x'))) J(x') dx',
 
@@ -29,7 +29,7 @@ def firmness(scene: Scene, times: Array, rise: Array) -> Array:
     """
     laws, mid = Laws(scene), 0.5 * (times[1:] + times[:-1])
     out = np.zeros((len(mid), rise.shape[1]))
-    alike: dict[tuple, tuple[Moment, list[Array]]] = {}  # phases in which the contact is the same
+    alike: dict[tuple, tuple[Moment, list[np.ndarray]]] = {}  # phases in which the contact is the same
     for phase in scene.schedule.phases:
         here = (mid > phase.begin) & (mid <= phase.end)
         now = scene.moment(phase, 0.5 * (phase.begin + phase.end))
@@ -65,7 +65,7 @@ def _passing(scene: Scene, laws: Laws, now: Moment) -> tuple[Array, Array]:
 
 
 def _came(scene: Scene, laws: Laws, seen: Moment, oldest: float):
-    """The rise in K of a lane per W/m2 that it has taken for a time (s) of at most the `oldest`, as a function of it."""
+    """The rise in K of a lane per W/m2 as a function of how long it has taken that, s, up to the `oldest`."""
     ends = np.linspace(0.0, np.sqrt(oldest), STRETCHES + 1)
     half = 0.5 * ends[1]
     roots = (ends[1:, None] - half + half * AGES)[..., None]

@@ -18,6 +18,7 @@ from flashtemp.camera.pixels import Kept
 from flashtemp.camera.placement import AS_TOLD, Place, corner
 from flashtemp.camera.point_observation import readings
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.wake_edges import across
 from flashtemp.camera.wall import Face, Films, corner_length, wall_rise
 from flashtemp.errors import BadInput
 from flashtemp.model.scene import Acting, Scene
@@ -121,7 +122,7 @@ def observe(
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
         near = run if len(batches) == 1 else _around(run, times[batch])
-        body, along, up = _body(near, scene, recording, times[batch], face)
+        body, along, up = _body(near, scene, recording, times[batch], face, kept)
         for name, part in sight.shown(body, (along, up), kept, slopes).items():
             if name not in shown:
                 shown[name] = np.empty((len(times), *part.shape[1:]), np.float32 if name else float)
@@ -146,36 +147,53 @@ def _around(run, times: np.ndarray):
     return replace(run, frames=run.frames[k], field=run.field[k], maps=maps)
 
 
-def _body(run, scene, recording, times, face: Face | None):
+def _body(run, scene, recording, times, face: Face | None, kept: Kept | None):
     """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
-    mesh, edges = run.mesh, (run.mesh.x[run.mesh.first], run.mesh.x[run.mesh.last])
-    x = np.concatenate([edges[:1], run.x, edges[1:]])
     if recording.view == "profile":
+        x = np.concatenate([run.mesh.x[[run.mesh.first]], run.x, run.mesh.x[[run.mesh.last]]])
         T = _smooth_ends(between(run.T_block, run.time, times)[:, None], x, 2)
         return *finer(T, x, 2), np.zeros(1)
     if recording.view == "wake":
-        behind, road = _free_road(run, edges[1], recording)
-        half = 0.5 * scene.width
-        if scene.resolved:
-            T = _ends(_ends(between(road(run.maps, run.frames), run.time[run.frames], times), 1), 2)
-            return np.swapaxes(T, 1, 2), behind, np.concatenate([[-half], mesh.y_centre, [half]])
-        T, behind = finer(_smooth_ends(between(road(vars(run), slice(None)), run.time, times), behind, 1), behind, 1)
+        return _road(run, scene, recording, times, face, {} if kept is None else kept)
+    return _wall(run, scene, times, face)
+
+
+def _road(run, scene, recording, times, face: Face | None, kept: Kept):
+    """The road's surface behind the block, as `_body` says."""
+    behind, road = _free_road(run, run.mesh.x[run.mesh.last], recording)
+    half, films = 0.5 * scene.width, Films.of(scene)
+    T = road(run.maps, run.frames) if scene.resolved else road(vars(run), slice(None))
+    T = between(T, run.time[run.frames] if scene.resolved else run.time, times)
+    T, behind = finer(_smooth_ends(T, behind, 1), behind, 1)
+    if scene.resolved:
+        return np.swapaxes(_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
+    if run.direction is not None or scene.schedule.alone or not films.wall.any():
         return np.repeat(T[:, None], 2, axis=1), behind, np.array([-half, half])
-    height = mesh.height
+    same = b"edges of a wake" + b"".join(a.tobytes() for a in (times, behind, films.begun, films.wall, films.section))
+    if same not in kept:  # what little else changes them is of second order
+        kept[same] = across(scene, run, films, times, behind, face or Face.of(run, scene))
+    (y, share), air = kept[same], scene.ambient - KELVIN
+    return air + (T - air)[:, None] * share, behind, y
+
+
+def _wall(run, scene, times, face: Face | None):
+    """The block's side wall, as `_body` says."""
+    mesh, height = run.mesh, run.mesh.height
+    x = np.concatenate([mesh.x[[mesh.first]], run.x, mesh.x[[mesh.last]]])
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
-    kept = run.time[run.frames]
+    records = run.time[run.frames]
     near = mesh.everywhere(mesh.block)[..., 0]  # x to the right and z up: the camera sees the wall at y = -W/2
-    cells = between(run.field[:, near].astype(float), kept, times)
+    cells = between(run.field[:, near].astype(float), records, times)
     surface = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
-    surface = between(surface.astype(float), kept, times)
-    air, walls = scene.ambient - KELVIN, Films.of(scene)
+    surface = between(surface.astype(float), records, times)
+    air, films = scene.ambient - KELVIN, Films.of(scene)
     rise = np.concatenate([surface[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
     if scene.resolved:  # from the cell's centre to its wall
         length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
-        films = walls.at(times, walls.section)
-        rise = rise / (1.0 + films[:, None] * length / scene.block.conductivity)[:, None]
-    elif walls.wall.any():
-        rise = wall_rise(scene, walls, z, times, rise, face or Face.of(run, scene))
+        film = films.at(times, films.section)
+        rise = rise / (1.0 + film[:, None] * length / scene.block.conductivity)[:, None]
+    elif films.wall.any():
+        rise = wall_rise(scene, films, z, times, rise, face or Face.of(run, scene))
     wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)

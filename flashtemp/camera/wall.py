@@ -1,9 +1,8 @@
 """The block's side wall, which its films cool below the section behind it.
 
-In 2D the section is one that no side wall is near, but for films that the section itself feels (`block.sides`).  The wall
-is cooler, the more the longer ago the heat came that lies behind it.  How much is that is a problem of the section across
-(`flashtemp/camera/corner.py`), which is solved at some places along the block for what its face there has been through.
-How good that is: docs/camera.md.
+In 2D the section is one that no side wall is near, but for films that the section itself feels (`block.sides`).  The
+wall is cooler, the more the longer ago the heat came that lies behind it: a problem of the block's corner, which is
+solved for what its face has been through (`flashtemp/camera/corner.py`).  How good that is: docs/camera.md.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no shar
 
 @dataclass(frozen=True)
 class Face:
-    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, and `hold` (n - 1, x) W/m2K by the contact since."""
+    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, and the contact's `hold` (n - 1, x), W/m2K."""
 
     rise: np.ndarray
     times: np.ndarray
@@ -55,35 +54,40 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face) -> np.n
 
     z (m) above the face.  In 2D alone: in 3D the wall is resolved.
     """
-    reach = max(times)
-    asked = [face.times, films.begun, times]
-    moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
-    mid = 0.5 * (moments[1:] + moments[:-1])
-    since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
-    first, groups, mean = _places(scene)
-    corner = Corner(
-        scene.block, scene.width, scene.height, groups, moments, between(face.rise @ mean, face.times, moments),
-        (face.hold @ mean)[since], films.at(mid, films.wall), films.at(mid, films.section),
-    )  # fmt: skip
-    lacks = corner.lacks(z, np.searchsorted(moments, np.clip(times, moments[0], reach)))
+    corner, moments = corner_of(scene, films, times, face)
+    lacks = corner.lacks(z, np.zeros(1), moments)[0][:, :, 0]
+    first = _groups(scene)
     if len(first) > 2:
         lacks = CubicSpline(0.5 * (first[1:] + first[:-1]), lacks, axis=1)(np.arange(first[-1]) + 0.5)
     return section * (1.0 - lacks)
 
 
-def _places(scene: Scene):
-    """Where groups of columns begin, last the number of all; their edges (m), and means over them (columns, groups)."""
-    mesh = scene.mesh
-    edges = mesh.x[mesh.first : mesh.last + 1]
-    first = np.unique(np.linspace(0, len(edges) - 1, PLACES + 1).round().astype(int))
-    group = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    inside = group[:, None] == np.arange(len(first) - 1)
-    return first, edges[first], inside * np.diff(edges)[:, None] / np.diff(edges[first])
+def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
+    """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
+    reach = max(times)
+    asked = [face.times, films.begun, times]
+    moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
+    mid = 0.5 * (moments[1:] + moments[:-1])
+    since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
+    first, edges = _groups(scene), scene.mesh.x[scene.mesh.first : scene.mesh.last + 1]
+    inside = np.repeat(np.eye(len(first) - 1), np.diff(first), axis=0)
+    mean = inside * np.diff(edges)[:, None] / np.diff(edges[first])
+    corner = Corner(
+        scene.block, scene.width, scene.height, edges[first], moments, between(face.rise @ mean, face.times, moments),
+        (face.hold @ mean)[since], films.at(mid, films.wall), films.at(mid, films.section),
+    )  # fmt: skip
+    return corner, np.searchsorted(moments, np.clip(times, moments[0], reach))
+
+
+def _groups(scene: Scene) -> np.ndarray:
+    """Number of the column with which each group of columns begins, and of all."""
+    columns = scene.mesh.last - scene.mesh.first
+    return np.unique(np.linspace(0, columns, PLACES + 1).round().astype(int))
 
 
 @dataclass(frozen=True)
 class Films:
-    """Films of the side walls, each W/m2K from when (s) it has `begun`: what the `wall` feels, and of that the `section`."""
+    """Films of the side walls (n,) W/m2K, from when (s) each has `begun`: the `wall`'s, and of that the `section`'s."""
 
     begun: np.ndarray
     wall: np.ndarray

@@ -164,7 +164,8 @@ class World:
 
 @dataclass(frozen=True)
 class Moment:
-    """What the cameras may see at a time `t` (s): the section's modes, what the wall lacks against it, the wake."""
+    """What the cameras may see at a time `t` (s): the section's modes and what the wall lacks against it, the wake's
+    places and rise, and what it lacks (y, x) off the middle."""
 
     t: float
     repetition: int
@@ -172,6 +173,7 @@ class Moment:
     state: np.ndarray
     wake: tuple[np.ndarray, np.ndarray]
     lacks: np.ndarray | None = None
+    beside: np.ndarray | None = None
     looked: bool = True  # by cameras; thermocouples are asked more often
 
 
@@ -220,8 +222,18 @@ def live(world, asked):
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
     wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.places(p)), world.convection)
-    lacks = {t: wall.step(t, *now) for t, *now in history}
-    return s, [replace(m, lacks=lacks.get(m.t)) for m in moments], np.array(times), np.array(cell)
+    wakes, lacks, beside = {m.t: m.wake[0] + p.length for m in moments if m.sliding and m.looked}, {}, {}
+    for t, *now in history:
+        lacks[t] = wall.step(t, *now)
+        if t in wakes:
+            beside[t] = wall.missing(world.speed, wakes[t], _beside(p))
+    moments = [replace(m, lacks=lacks.get(m.t), beside=beside.get(m.t)) for m in moments]
+    return s, moments, np.array(times), np.array(cell)
+
+
+def _beside(pair):
+    """Places y (m) across the road at which one may look."""
+    return 0.5 * pair.width * np.linspace(-1.0, 1.0, 201)
 
 
 def _rest(world, s, history, begin, r, shares):
@@ -387,7 +399,13 @@ def _seen(view, world, sliding, m):
     """The field (z, x) degC of a view at a moment."""
     if view == "wake":
         places, rise = m.wake
-        return lambda x, y: AIR + np.tile(np.interp(x - world.pair.length, places, rise), (len(y), 1))
+        less = RectBivariateSpline(_beside(world.pair), places, m.beside, kx=1, ky=1)
+
+        def road(x, y):
+            behind = x - world.pair.length
+            return AIR + np.interp(behind, places, rise) - less(y, behind)
+
+        return road
 
     def wall(x, z):
         rise = world.pair.above(z) @ m.state.T @ world.pair.along(x).T

@@ -75,6 +75,16 @@ class Wall:
         total = state.sum(axis=0) + self.beyond * drawn
         return self.seen[0] @ total.T @ self.seen[1].T - self._shallow(flux)
 
+    def missing(self, speed, x, y):
+        """By how much (y, x) K the road behind is cooler, x (m) behind the leading edge and y (m) from the middle: the
+        contact passes on so much less beside the walls, and the road's surface remembers it as a half-space does."""
+        p = self.pair
+        off = 0.5 * p.width - np.minimum(np.abs(y), 0.5 * p.width)
+        across = np.cos(np.outer(off, np.pi * np.arange(ACROSS + 1) / (0.5 * p.width))) @ self.flux
+        edges = np.linspace(0.0, p.length, ALONG + 1)
+        root = np.sqrt(np.maximum(np.asarray(x)[:, None] - edges, 0.0))
+        return across @ (2.0 * (root[:, :-1] - root[:, 1:]) / (p.road_effusivity * np.sqrt(np.pi * speed))).T
+
     def _face(self, state, flux=0.0):
         """What lacks at the face (across, places)."""
         return state.sum(axis=2) @ self.cosines.T - self.under * flux

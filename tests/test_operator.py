@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.special import erfc
 from scipy.stats import norm
 
 from flashtemp.camera import observation
+from flashtemp.camera.hold import firmness
 from flashtemp.camera.instrument import Instrument
 from flashtemp.camera.observation import observe
 from flashtemp.camera.pixels import Axis, turned, weights
@@ -22,6 +24,8 @@ from flashtemp.camera.recording import Recording
 from flashtemp.camera.registration import align
 from flashtemp.camera.wall import Face, Films, wall_rise
 from flashtemp.meshes.mesh import Mesh
+from flashtemp.model.case import assemble
+from flashtemp.model.case_file import Places
 from flashtemp.model.scene import Acting
 from flashtemp.physics.effect import Term, find
 from flashtemp.solver.march import march
@@ -358,6 +362,28 @@ def along(times, rise, held):
     """A block's face, alike in both columns of `lab.column`, held by as much (W/m2K) all the time or in each step."""
     two = np.ones(2)
     return Face(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two))
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+def test_the_contact_holds_the_face_as_firmly_as_a_run_finds(tilted):
+    """J = q - H T: while a block warms in its second repetition, what it takes falls by H for every kelvin of its face."""
+    given = {"schedule.repetitions": 2, "schedule.distance": 2.0, "schedule.wait": 8.0, "numerics.mesh": 0.5,
+             "output.profiles": 40, "ambient.convection": 0.0}  # fmt: skip
+    if tilted:
+        given |= {"effects": ["pressure_tilt"], "pressure_tilt.a": 0.5}
+    made = assemble({}, given, Places("none"), Path(), "hold")
+    run = march(made.scene, made.settings)
+    rise, size = run.T_block.astype(float) - run.ambient_degC, run.mesh.dx_block / run.mesh.dx_block.sum()
+    hold = firmness(made.scene, run.time, rise)
+    mid = 0.5 * (run.time[1:] + run.time[:-1])
+    warming = (run.repetition[1:] == 2) & run.sliding[1:] & (mid > 29.0)
+    taken = np.diff(run.energy["block"]) / np.diff(run.time) / made.scene.length
+    mean = 0.5 * (rise[1:] + rise[:-1])
+    slope = np.polyfit((mean @ size)[warming], taken[warming], 1)[0]
+    told = ((hold * mean) @ size / (mean @ size))[warming].mean()
+    assert -slope == pytest.approx(told, rel=0.05)
+    waiting = (run.repetition[1:] == 1) & ~run.sliding[1:]
+    assert not hold[waiting].any()
 
 
 def test_a_film_that_the_section_feels_cools_the_wall_below_it(lab):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.model.laws import Laws
+from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Moment, Scene
 from flashtemp.physics.arrays import Array
 
@@ -50,8 +50,8 @@ def _passing(scene: Scene, laws: Laws, now: Moment) -> tuple[Array, Array]:
     """Contact fraction (x,), and what fluxes (x,) of the spots make of the face's rise there, (x, x) in m2 K/W."""
     mesh = scene.mesh
     edges = mesh.x[mesh.first : mesh.last + 1] - mesh.x[mesh.first]
-    one = np.ones(len(edges) - 1)
-    at = now.under(mesh, local_pressure=now.pressure * one)
+    one, load = np.ones(len(edges) - 1), laws_mean(laws, "contact.pressure", mesh, now)
+    at = now.under(mesh, local_pressure=now.pressure * load / (load @ np.diff(edges)) * scene.length)
     phi = np.clip(laws("contact.spot_fraction", 0.0, None, at) * one, 1e-6, 1.0)
     seen = at.seeing(spot_fraction=phi, covered=float(phi @ np.diff(edges) / scene.length))
     beside = sum(laws(f"contact.{name}", 0.0, None, seen) for name in ("resistance", "micro_resistance"))
@@ -61,7 +61,8 @@ def _passing(scene: Scene, laws: Laws, now: Moment) -> tuple[Array, Array]:
     came = _came(scene, laws, seen, scene.length / pace)
     centres = 0.5 * (edges[1:] + edges[:-1])
     reached = came(np.maximum(centres[:, None] - edges, 0.0) / pace)
-    return phi, np.diag(beside) + reached[:, :-1] - reached[:, 1:]
+    common = np.minimum(phi[:, None], phi) / phi[:, None]  # lanes that were in contact there, of those that are here
+    return phi, np.diag(beside) + common * (reached[:, :-1] - reached[:, 1:])
 
 
 def _came(scene: Scene, laws: Laws, seen: Moment, oldest: float):

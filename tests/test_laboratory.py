@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,7 +17,7 @@ from flashtemp.camera.placement import Place
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import discover, laboratory, orientation, prediction, searched
 from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
@@ -636,3 +638,24 @@ def test_two_points_that_point_at_each_other_are_an_end_where_nothing_is_to_be_g
     assert rounds[0] <= len(curve.asked) <= rounds[1]
     assert end.converged
     assert end.promise < VAIN
+
+
+# --- a world in 3D ------------------------------------------------------------------------------------
+@pytest.mark.long
+def test_a_campaign_that_3d_made_needs_nothing_in_2d(tmp_path):
+    """Walls that the air cools, waits in the air, a wake with edges: what 3D resolves and 2D has to know."""
+    (tmp_path / "case.toml").write_text("")
+    world = TINY | {
+        "schedule.repetitions": 3, "schedule.distance": 1.0, "schedule.wait": 10.0, "ambient.convection": 20.0,
+        "road.track_length": 1.0, "numerics.across": 60, "numerics.first_y": 3e-5,
+    }  # fmt: skip
+    made = twin(load(tmp_path / "case.toml", world), Plan((), 61, 2, ("sidewall", "wake"), 4), tmp_path / "lab")
+    believed = made / "case.toml"
+    flat = re.sub(r"(?m)^across = .*$", "across = 1", believed.read_text())
+    believed.write_text(re.sub(r"(?m)^first_y = .*\n", "", flat))
+    found = discover.discover(campaign.load(made), workers=1)[0]
+    assert found.kind == "none_needed", found.says
+    true = json.loads((made / SEALED).read_text())["nuisance"]
+    pulls = {p.name: p for p in found.nuisance}
+    for key, factor in true.items():
+        assert abs(pulls[key].value - factor * load(believed)[key]) < 4.0 * pulls[key].stderr, (pulls[key], factor)

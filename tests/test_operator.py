@@ -340,6 +340,9 @@ def test_where_the_sides_of_a_wake_may_show_is_left_out(slid, spread):
 
 
 # --- the wall in 2D ---------------------------------------------------------------------------------
+STILL = np.array([0.0, 1e6]), np.zeros(2)  # air that does not warm
+
+
 @pytest.mark.parametrize(("film", "time"), [(10.0, 5.0), (10.0, 35.0), (20.0, 440.0)])
 def test_wall_against_the_corner_problem(lab, film, time):
     """Section (y, z) with a hot face, an insulated back and a film on the wall, by finite volumes."""
@@ -354,7 +357,7 @@ def wall_of(lab, z, section, films, time, face=None):
     scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
     times, rise = face or (np.array([0.0, 1e-9, time]), np.array([0.0, 1.0, 1.0]))
     begun, values = map(np.array, zip(*films, strict=True))
-    films = Films(begun, values, 0.0 * values)
+    films = Films(begun, values, 0.0 * values, STILL)
     return wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6))[0, 0]
 
 
@@ -396,7 +399,7 @@ def test_a_film_that_the_section_feels_cools_the_wall_below_it(lab):
     t = np.concatenate([[0.0], begin + np.linspace(1e-3, time, 400)])
     even = np.exp(-rate * (t - begin)) * (t > 0)
     face = along(t, even, np.where(t[1:] < begin + 1e-2, 1e6, 0.0))
-    still = Films(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]))
+    still = Films(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]), STILL)
     found = wall_rise(scene, still, z, t[-1:], np.full((1, 1, 2), even[-1]), face)[0, 0]
     angle = brentq(lambda a: a * np.tan(a) - film * 0.5 * W / k, 0.1, 1.5)
     size = 4.0 * np.sin(angle) / (2.0 * angle + np.sin(2.0 * angle))
@@ -416,7 +419,7 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
 
     scene = lab.scene(replace(lab.column(8, 0.05, 1e-4), y=np.array([-0.5, 0.5])))
     face = along(t, np.append(0.0, depth / np.sqrt(np.pi)), 1e6)
-    films = Films(np.zeros(1), np.array([film]), np.zeros(1))
+    films = Films(np.zeros(1), np.array([film]), np.zeros(1), STILL)
     found = wall_rise(scene, films, z, t[-1:], warm(z, time)[None, None], face)[0, 0]
     ages, weights = np.polynomial.legendre.leggauss(60)
     root = 0.5 * np.sqrt(time) * (ages + 1.0)  # of the age of what was drawn

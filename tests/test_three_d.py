@@ -119,12 +119,20 @@ def rises(view, times, u, v, **more):
     return images
 
 
-@pytest.mark.parametrize("lifted", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_wall_that_2d_tells_is_the_one_that_3d_resolves(lab, lifted):
-    """Three repetitions, whether the block waits in the air or in contact: 25 W/m2K draw 9 % of the rise from the wall."""
+KINDS = {
+    "waits in the air": {}, "waits in contact": {"schedule.lifted": False},
+    "air that warms": {"effects": ["ambient_drift"], "ambient_drift.rate": 0.05},
+    "films that come and go": {"effects": ["side_cooling"], "side_cooling.gain": 100.0},
+}  # fmt: skip
+
+
+@pytest.mark.sample("waits in the air")
+@pytest.mark.parametrize("kind", KINDS)
+def test_wall_that_2d_tells_is_the_one_that_3d_resolves(lab, kind):
+    """Three repetitions, however the block waits and the air behaves: 25 W/m2K draw 9 % of the rise from the wall."""
     times = np.array([2.0, 7.9, 8.5, 14.9, 15.5, 18.0, 22.9, 29.9, 30.5, 34.0, 37.9])
     x, z = np.linspace(5e-4, 0.0245, 25), np.linspace(3e-4, 6.5e-3, 25)
-    guess, without, wall = rises("sidewall", times, x, z, **{"schedule.lifted": lifted})
+    guess, without, wall = rises("sidewall", times, x, z, **KINDS[kind])
     rise = wall.max(axis=(1, 2), keepdims=True)
     off, drawn = (np.abs(image - wall) / rise for image in (guess, without))
     assert drawn[-1].max() > 0.05

@@ -74,9 +74,10 @@ class Slab:
 class Corner:
     """A block of some `width` and `height` (m), and what acts on it in each of n - 1 steps between `times` (n,) in s.
 
-    `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls,
-    `hold` (n - 1, x) W/m2K by which the contact holds it, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part
-    of the side walls' film which the section itself feels, as a whole.
+    `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls, above
+    the air, which has warmed by `air` (n,) K: then all of the block is as much colder.  `hold` (n - 1, x) W/m2K by
+    which the contact holds the face, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part of the side walls'
+    film which the section itself feels, as a whole.
     """
 
     block: Material
@@ -85,13 +86,14 @@ class Corner:
     edges: Array
     times: Array
     rise: Array
+    air: Array
     hold: Array
     film: Array
     fin: Array
 
-    def lacks(self, z: Array, y: Array, moments: Array) -> tuple[Array, Array]:
-        """How much cooler than the section the block is `y` (m) off its wall and z (m) above its face, as a share
-        (moments, x, y, z) of the section's rise; and the flux (moments, x) in W/m2 that comes in through the face.
+    def lacks(self, z: Array, y: Array, moments: Array) -> tuple[Array, Array, Array]:
+        """By how much (moments, x, y, z) K the block is cooler `y` (m) off its wall and z (m) above its face than far
+        from it; how warm (moments, x, z) K above the air it is there; what flux (moments, x) W/m2 comes in at its face.
 
         `moments` are numbers of `times`.
         """
@@ -103,18 +105,19 @@ class Corner:
         places, wanted = len(self.edges) - 1, set(np.asarray(moments).tolist())
         state = np.zeros((places, ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
         turn = np.eye(ACROSS)
-        seen = {0: (np.zeros((places, len(y), len(z))), np.zeros(places))}
+        seen = {0: (np.zeros((places, len(y), len(z))), np.zeros((places, len(z))), np.zeros(places))}
         for i, dt in enumerate(np.diff(self.times)):
             wall, face = walls[self.film[i]], faces[self.hold[i].tobytes()]
             if wall.turn is not turn:
                 state[:, :-1] = wall.turn.T @ turn @ state[:, :-1]
                 turn = wall.turn
+            state -= (self.air[i + 1] - self.air[i]) * wall.whole[:, None] * up.whole
             state, flux = self._step(i, dt, state, wall, face)
             if i + 1 in wanted:
-                section, here = state[:, -1:] @ at.T, off @ turn @ state[:, :-1] @ at.T
-                seen[i + 1] = _share(section - here, section), flux - self.hold[i] * self.rise[i + 1]
-        shares, came = zip(*(seen[m] for m in np.asarray(moments).tolist()), strict=True)
-        return np.array(shares), np.array(came)
+                section, here = state[:, -1] @ at.T, off @ turn @ state[:, :-1] @ at.T
+                seen[i + 1] = section[:, None] - here, section, flux - self.hold[i] * self.rise[i + 1]
+        lack, section, came = (np.array(part) for part in zip(*(seen[int(m)] for m in moments), strict=True))
+        return lack, section, came
 
     def _step(self, i: int, dt: float, state: Array, wall: _Wall, face: _Face) -> tuple[Array, Array]:
         """The state after dt (s), and what had to flow in (x,) W/m2 for the face to be as warm as it is."""
@@ -166,9 +169,3 @@ class _Wall(NamedTuple):
     turn: Array
     whole: Array
     along: Callable[[float], Array]
-
-
-def _share(lack: Array, section: Array) -> Array:
-    """The lack over the section, nothing where hardly any heat has come yet."""
-    faint = 1e-3 * np.abs(section).max() + 1e-12
-    return lack * section / (section**2 + faint**2)

@@ -25,11 +25,10 @@ def across(scene: Scene, run, films: Films, times, behind, face: Face) -> tuple[
     off = min(half, DEEPEST) * np.linspace(0.0, 1.0, NODES) ** 2
     slid = _sliding(scene, np.asarray(times))
     corner, moments = corner_of(scene, films, slid, face)
-    lacks, into_block = corner.lacks(np.zeros(1), off, moments)
-    rise, hold = corner.rise[moments], corner.hold[np.maximum(moments - 1, 0)]
+    lacks, _, into_block = corner.lacks(np.zeros(1), off, moments)
     released = _released(scene, run, slid, corner.edges)
     taken = np.maximum(released - into_block, LEAST * released)
-    missing = (hold * rise)[:, :, None] * lacks[..., 0]
+    missing = corner.hold[np.maximum(moments - 1, 0), :, None] * lacks[..., 0]
     ends = corner.edges - corner.edges[0]
     roots = np.sqrt(np.maximum(np.asarray(behind)[:, None] - ends, 0.0))
     weight = roots[:, :-1] - roots[:, 1:]

@@ -20,6 +20,7 @@ from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 PLACES = 14  # groups of columns along the block, between which the wall follows splines
+CLOSE, TINY = 0.003, 1e-9  # of the warmest place, and K: below, what lacks is no share
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 
 
@@ -55,26 +56,32 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face) -> np.n
     z (m) above the face.  In 2D alone: in 3D the wall is resolved.
     """
     corner, moments = corner_of(scene, films, times, face)
-    lacks = corner.lacks(z, np.zeros(1), moments)[0][:, :, 0]
-    first = _groups(scene)
+    lack, own, _ = corner.lacks(z, np.zeros(1), moments)
+    lack, first = lack[:, :, 0], _groups(scene)
     if len(first) > 2:
-        lacks = CubicSpline(0.5 * (first[1:] + first[:-1]), lacks, axis=1)(np.arange(first[-1]) + 0.5)
-    return section * (1.0 - lacks)
+        along = CubicSpline(0.5 * (first[1:] + first[:-1]), np.stack([lack, own]), axis=2)
+        lack, own = along(np.arange(first[-1]) + 0.5)
+    # the corner's section is nearly this one: what it lacks, as a share where it is warm
+    faint = (CLOSE * np.abs(own).max(axis=(1, 2), keepdims=True) + TINY) ** 2
+    warm = section - corner.air[moments][:, None, None]
+    return section - lack * (warm * own + faint) / (own**2 + faint)
 
 
 def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
     """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
     reach = max(times)
-    asked = [face.times, films.begun, times]
+    asked = [face.times, films.begun, times, films.air[0] if np.ptp(films.air[1]) else films.begun]
     moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
     mid = 0.5 * (moments[1:] + moments[:-1])
     since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
     first, edges = _groups(scene), scene.mesh.x[scene.mesh.first : scene.mesh.last + 1]
     inside = np.repeat(np.eye(len(first) - 1), np.diff(first), axis=0)
     mean = inside * np.diff(edges)[:, None] / np.diff(edges[first])
+    air = np.interp(moments, *films.air)
+    rise = between(face.rise @ mean, face.times, moments) - air[:, None]
     corner = Corner(
-        scene.block, scene.width, scene.height, edges[first], moments, between(face.rise @ mean, face.times, moments),
-        (face.hold @ mean)[since], films.at(mid, films.wall), films.at(mid, films.section),
+        scene.block, scene.width, scene.height, edges[first], moments, rise, air, (face.hold @ mean)[since],
+        films.at(mid, films.wall), films.at(mid, films.section),
     )  # fmt: skip
     return corner, np.searchsorted(moments, np.clip(times, moments[0], reach))
 
@@ -87,25 +94,32 @@ def _groups(scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Films:
-    """Films of the side walls (n,) W/m2K, from when (s) each has `begun`: the `wall`'s, and of that the `section`'s."""
+    """Films of the side walls (n,) W/m2K, from when (s) each has `begun`: the `wall`'s, and of that the `section`'s.
+
+    `air`: times (m,) in s, and by how much the air is warmer then than at the start (m,), K; linear between.
+    """
 
     begun: np.ndarray
     wall: np.ndarray
     section: np.ndarray
+    air: tuple[np.ndarray, np.ndarray]
 
     @classmethod
     def of(cls, scene: Scene) -> Films:
         """Those of a scene: in 2D the walls feel what the leading wall feels."""
-        laws = Laws(scene).films
-        wall, section = (laws.get(site, []) for site in ("block.leading", "block.sides"))
-        begun, seen = [], []
+        laws = Laws(scene)
+        wall, section = (laws.films.get(site, []) for site in ("block.leading", "block.sides"))
+        begun, seen, air = [], [], [0.0]
         for phase in scene.schedule.phases:
             edges = np.linspace(phase.begin, phase.end, STRETCHES + 1)
             moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
             begun += list(edges[:-1])
             seen += [[sum(part.law(now, p) for part, p, _ in site) for site in (wall, section)] for now in moments]
+            air += [laws("ambient.temperature", 0.0, None, scene.moment(phase, t)) for t in edges[1:]]
         changed = np.append(True, np.any(np.diff(seen, axis=0) != 0.0, axis=1))
-        return cls(np.array(begun)[changed], *np.array(seen)[changed].T)
+        on_wall, on_section = np.array(seen)[changed].T
+        clock = np.append(begun, scene.schedule.phases[-1].end)
+        return cls(np.array(begun)[changed], on_wall, on_section, (clock, np.array(air)))
 
     def at(self, times, films: np.ndarray) -> np.ndarray:
         """One of the two at some `times` (s)."""

@@ -20,7 +20,7 @@ from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 PLACES = 14  # groups of columns along the block, between which the wall follows splines
-CLOSE, TINY = 0.003, 1e-9  # of the warmest place, and K: below, what lacks is no share
+CLOSE, TINY = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 
 

@@ -63,9 +63,8 @@ class Slab:
 
     def modes(self, diffusivity: float, held: Array) -> tuple[Array, Array]:
         """Rates (..., count) in 1/s and vectors (..., count, count) of a face `held` (...) 1/m by what lies beyond."""
-        stiff = _basis(self.count)[1] / self.depth**2 + np.asarray(held)[..., None, None] * np.outer(
-            self.foot, self.foot
-        )
+        at_face = np.outer(self.foot, self.foot)
+        stiff = _basis(self.count)[1] / self.depth**2 + np.asarray(held)[..., None, None] * at_face
         rates, vectors = np.linalg.eigh(diffusivity * stiff)
         return np.maximum(rates, SLOW), vectors
 

@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
+from flashtemp.camera.pixels import Kept
 from flashtemp.physics.arrays import Array
 from flashtemp.physics.material import Material
 
-ACROSS, UP = 12, 18  # modes
+ACROSS, UP = 10, 14  # modes
 FAR = 6.0  # roots of diffusivity and time, beyond which no heat comes
 SLOW = 1e-9  # 1/s, taken for the rate of what does not decay
 
@@ -56,7 +57,7 @@ class Slab:
         """The functions (count,) at the face."""
         return self.at(np.zeros(1))[0]
 
-    @property
+    @cached_property
     def whole(self) -> Array:
         """Their integrals (count,) over the depth, of which an even temperature is made: the first one is even."""
         return np.sqrt(self.depth) * np.eye(self.count)[0]
@@ -90,51 +91,52 @@ class Corner:
     film: Array
     fin: Array
 
-    def lacks(self, z: Array, y: Array, moments: Array) -> tuple[Array, Array, Array]:
+    def lacks(self, z: Array, y: Array, moments: Array, kept: Kept | None = None) -> tuple[Array, Array, Array]:
         """By how much (moments, x, y, z) K the block is cooler `y` (m) off its wall and z (m) above its face than far
         from it; how warm (moments, x, z) K above the air it is there; what flux (moments, x) W/m2 comes in at its face.
 
-        `moments` are numbers of `times`.
+        `moments` are numbers of `times`; `kept` are steps that corners like this one share.
         """
+        kept = {} if kept is None else kept
         far = FAR * np.sqrt(self.block.diffusivity * (self.times[-1] - self.times[0]))
         up, across = Slab(min(self.height, far), UP), Slab(min(0.5 * self.width, far), ACROSS)
         at, off = up.at(np.minimum(z, up.depth)), across.at(np.minimum(y, across.depth))
         walls = {film: self._wall(across, film) for film in np.unique(self.film)}
-        faces = {row.tobytes(): self._face(up, row) for row in np.unique(self.hold, axis=0)}
-        places, wanted = len(self.edges) - 1, set(np.asarray(moments).tolist())
+        places, wanted, turn = len(self.edges) - 1, set(np.asarray(moments).tolist()), np.eye(ACROSS)
         state = np.zeros((places, ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
-        turn = np.eye(ACROSS)
         seen = {0: (np.zeros((places, len(y), len(z))), np.zeros((places, len(z))), np.zeros(places))}
+        k, D = self.block.conductivity, self.block.diffusivity
+        alike = np.array([k, D, self.width, across.depth, up.depth, *self.edges]).tobytes()
+        faces: dict[bytes, tuple[Array, Array]] = {}
         for i, dt in enumerate(np.diff(self.times)):
-            wall, face = walls[self.film[i]], faces[self.hold[i].tobytes()]
+            wall = walls[self.film[i]]
             if wall.turn is not turn:
                 state[:, :-1] = wall.turn.T @ turn @ state[:, :-1]
                 turn = wall.turn
-            state -= (self.air[i + 1] - self.air[i]) * wall.whole[:, None] * up.whole
-            state, flux = self._step(i, dt, state, wall, face)
+            held = self.hold[i].tobytes()
+            same = b"%.9f %r %r" % (dt, self.film[i], self.fin[i]) + held + alike
+            if same not in kept:
+                face = faces[held] = faces[held] if held in faces else up.modes(D, self.hold[i] / k)
+                kept[same] = self._move(dt, self.fin[i], wall, face, up)
+            move = kept[same]
+            if warmer := self.air[i + 1] - self.air[i]:
+                state -= warmer * wall.whole[:, None] * up.whole
+            state = move.sinks * ((move.along @ state.reshape(places, -1)).reshape(state.shape) @ move.up)
+            flux = (self.rise[i + 1] - state[:, -1] @ up.foot) / move.foot
+            state += move.gain * flux[:, None, None]
             if i + 1 in wanted:
                 section, here = state[:, -1] @ at.T, off @ turn @ state[:, :-1] @ at.T
                 seen[i + 1] = section[:, None] - here, section, flux - self.hold[i] * self.rise[i + 1]
         lack, section, came = (np.array(part) for part in zip(*(seen[int(m)] for m in moments), strict=True))
         return lack, section, came
 
-    def _step(self, i: int, dt: float, state: Array, wall: _Wall, face: _Face) -> tuple[Array, Array]:
-        """The state after dt (s), and what had to flow in (x,) W/m2 for the face to be as warm as it is."""
-        fin = 2.0 * self.fin[i] * self.block.diffusivity / (self.block.conductivity * self.width)
-        sinking = np.append(wall.rates, fin)[:, None]
-        kept = np.exp(-sinking * dt) * np.exp(-face.rates * dt)[:, None]
-        gain = (
-            (1.0 - kept) / np.maximum(sinking + face.rates[:, None], SLOW) * wall.whole[:, None] * face.enters[:, None]
-        )
-        along = (wall.along(dt) @ state.reshape(len(state), -1)).reshape(state.shape)
-        left = kept * (along @ face.turn)
-        flux = (self.rise[i + 1] - (face.foot * left[:, -1]).sum(axis=1)) / (face.foot * gain[:, -1]).sum(axis=1)
-        return (left + gain * flux[:, None, None]) @ face.turn.swapaxes(1, 2), flux
-
-    def _face(self, up: Slab, hold: Array) -> _Face:
-        rates, turn = up.modes(self.block.diffusivity, hold / self.block.conductivity)
-        foot = up.foot @ turn
-        return _Face(rates, turn, foot, self.block.diffusivity / self.block.conductivity * foot)
+    def _move(self, dt: float, fin: float, wall: _Wall, face: tuple[Array, Array], up: Slab) -> _Move:
+        k, D, (rates, turn) = self.block.conductivity, self.block.diffusivity, face
+        sinking = np.append(wall.rates, 2.0 * fin * D / (k * self.width))[:, None]
+        sinks, left = np.exp(-sinking * dt), np.exp(-rates * dt)
+        gain = (1.0 - sinks * left[:, None]) / np.maximum(sinking + rates[:, None], SLOW)
+        gain = (wall.whole[:, None] * (D / k * (up.foot @ turn))[:, None] * gain) @ turn.swapaxes(1, 2)
+        return _Move(wall.along(dt), sinks, (turn * left[:, None]) @ turn.swapaxes(1, 2), gain, gain[:, -1] @ up.foot)
 
     def _wall(self, across: Slab, film: float) -> _Wall:
         rates, turn = across.modes(self.block.diffusivity, np.array(film / self.block.conductivity))
@@ -152,15 +154,6 @@ class Corner:
         return lambda dt: (vectors / root[:, None] * np.exp(-rates * dt)) @ (vectors.T * root)
 
 
-class _Face(NamedTuple):
-    """Modes up the block: rates (x, up) 1/s, vectors, values at the face, and rates by a flux of 1 W/m2."""
-
-    rates: Array
-    turn: Array
-    foot: Array
-    enters: Array
-
-
 class _Wall(NamedTuple):
     """Modes across: rates (across,) 1/s, vectors, sizes of what is even and of the block without walls; along x."""
 
@@ -168,3 +161,14 @@ class _Wall(NamedTuple):
     turn: Array
     whole: Array
     along: Callable[[float], Array]
+
+
+class _Move(NamedTuple):
+    """What a step makes of a state: along the block (x, x), across (modes, 1) and up (x, up, up), then by a flux of
+    1 W/m2 (x, modes, up), and of the face's temperature by that, (x,) m2 K/W."""
+
+    along: Array
+    sinks: Array
+    up: Array
+    gain: Array
+    foot: Array

@@ -155,7 +155,7 @@ def _body(run, scene, recording, times, face: Face | None, kept: Kept | None):
         return *finer(T, x, 2), np.zeros(1)
     if recording.view == "wake":
         return _road(run, scene, recording, times, face, {} if kept is None else kept)
-    return _wall(run, scene, times, face)
+    return _wall(run, scene, times, face, kept)
 
 
 def _road(run, scene, recording, times, face: Face | None, kept: Kept):
@@ -176,7 +176,7 @@ def _road(run, scene, recording, times, face: Face | None, kept: Kept):
     return air + (T - air)[:, None] * share, behind, y
 
 
-def _wall(run, scene, times, face: Face | None):
+def _wall(run, scene, times, face: Face | None, kept: Kept | None):
     """The block's side wall, as `_body` says."""
     mesh, height = run.mesh, run.mesh.height
     x = np.concatenate([mesh.x[[mesh.first]], run.x, mesh.x[[mesh.last]]])
@@ -193,7 +193,7 @@ def _wall(run, scene, times, face: Face | None):
         film = films.at(times, films.section)
         rise = rise / (1.0 + film[:, None] * length / scene.block.conductivity)[:, None]
     elif films.wall.any():
-        rise = wall_rise(scene, films, z, times, rise, face or Face.of(run, scene))
+        rise = wall_rise(scene, films, z, times, rise, face or Face.of(run, scene), kept)
     wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
     wall, x = finer(wall, x, 2)
     wall, z = finer(wall, z, 1)

@@ -14,12 +14,13 @@ from scipy.interpolate import CubicSpline
 
 from flashtemp.camera.corner import Corner
 from flashtemp.camera.hold import firmness
+from flashtemp.camera.pixels import Kept
 from flashtemp.model.laws import Laws
 from flashtemp.model.scene import Scene
 from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
-PLACES = 14  # groups of columns along the block, between which the wall follows splines
+PLACES = 10  # groups of columns along the block, between which the wall follows splines
 CLOSE, TINY = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 
@@ -47,16 +48,16 @@ class Face:
         moved, plain = (one.T_block.astype(float) - one.ambient_degC for one in (run, level))
         share = (moved - plain) / np.maximum(plain, FAINT * max(float(plain.max()), FAINT))
         rise = self.rise * (1.0 + between(share, level.time, self.times))
-        return Face(rise, self.times, firmness(scene, self.times, rise))
+        return Face(rise, self.times, firmness(scene, self.times, self.rise))  # its own shape is of second order
 
 
-def wall_rise(scene: Scene, films: Films, z, times, section, face: Face) -> np.ndarray:
+def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: Kept | None = None) -> np.ndarray:
     """Rise of the wall (frames, x, z) in K at `times` where the `section` behind it has risen by as much.
 
-    z (m) above the face.  In 2D alone: in 3D the wall is resolved.
+    z (m) above the face; `kept` is what images of one recording share.  In 2D alone: in 3D the wall is resolved.
     """
     corner, moments = corner_of(scene, films, times, face)
-    lack, own, _ = corner.lacks(z, np.zeros(1), moments)
+    lack, own, _ = corner.lacks(z, np.zeros(1), moments, kept)
     lack, first = lack[:, :, 0], _groups(scene)
     if len(first) > 2:
         along = CubicSpline(0.5 * (first[1:] + first[:-1]), np.stack([lack, own]), axis=2)

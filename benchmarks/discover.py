@@ -1,6 +1,7 @@
 """Blind benchmark of `discover`: effects hidden by seed, found or not, counted against projected signal to noise.
 
     python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
+    python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
     python benchmarks/discover.py table found.jsonl
 
 Truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two, another CVODE binding) and is
@@ -10,6 +11,7 @@ read after the verdict is written.  Seeds below 1000 are for development, those 
 from __future__ import annotations
 
 import json
+import re
 import sys
 import tempfile
 import time
@@ -25,6 +27,7 @@ SMALL = {
     "schedule.repetitions": 2, "schedule.distance": 0.6, "schedule.wait": 8.0, "road.track_length": 0.6,
     "numerics.mesh": 0.6,
 }  # fmt: skip
+WIDE = {"numerics.across": 60, "numerics.first_y": 3e-5, "road.track_length": 1.0}  # walls within 0.1 % of the rise
 SINGLE = {  # effects that can be seen in a campaign of this size, with the parameter that is drawn
     "pressure_tilt": "a", "edge_pressure": "B", "pressure_crown": "c", "interface_resistance": "resistance",
     "friction_softening": "b", "track_memory": "strength", "conductivity_slope": "block", "heat_depth": "share",
@@ -47,11 +50,16 @@ def draw(seed: int) -> dict:
     return {"seed": seed, "kind": kind, "hidden": names, "size": size}
 
 
-def overrides(plan: dict) -> dict:
+def overrides(plan: dict, wide: bool = False) -> dict:
     """Keys of the case under which `twin` hides what was drawn."""
     from flashtemp.physics.effect import find
 
-    out = dict(SMALL)
+    out: dict = dict(SMALL)
+    if wide:
+        rng = np.random.default_rng([plan["seed"], 78])
+        drawn = {"ambient.convection": (8.0, 25.0), "schedule.wait": (3.0, 20.0), "schedule.distance": (0.5, 1.0)}
+        out |= WIDE | {key: float(rng.uniform(*span)) for key, span in drawn.items()}
+        out["schedule.repetitions"] = int(rng.integers(1, 4))
     if plan["hidden"]:
         out["effects"] = plan["hidden"]
     for name, size in plan["size"].items():
@@ -64,7 +72,13 @@ def overrides(plan: dict) -> dict:
     return out
 
 
-def one(seed: int) -> dict:
+def flat(case: Path) -> None:
+    """The case in 2D, as who has no side walls would have it."""
+    text = re.sub(r"(?m)^across = .*$", "across = 1", case.read_text())
+    case.write_text(re.sub(r"(?m)^first_y = .*\n", "", text))
+
+
+def one(seed: int, wide: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.comparison.twin import SEALED, Plan, twin
@@ -74,7 +88,10 @@ def one(seed: int) -> dict:
     plan, began = draw(seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "campaign"
-        twin(case.load(CASE, overrides(plan)), Plan(tuple(plan["hidden"]), seed, sliding=3), out)
+        few = {"conditions": 2} if wide else {}
+        twin(case.load(CASE, overrides(plan, wide)), Plan(tuple(plan["hidden"]), seed, sliding=3, **few), out)
+        if wide:
+            flat(out / "case.toml")
         made = time.process_time() - began
         loaded = campaign.load(out)
         if plan["kind"] == "outside":
@@ -121,14 +138,14 @@ def _record(verdict, search, truth: dict) -> dict:
     }  # fmt: skip
 
 
-def run(first: int, last: int, file: Path, processes: int = 2) -> None:
+def run(first: int, last: int, file: Path, processes: int = 2, wide: bool = False) -> None:
     """All seeds first..last-1 that the file does not hold yet."""
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     seeds = [s for s in range(first, last) if s not in done]
     with ProcessPoolExecutor(processes) as pool, file.open("a") as out:
-        for future in as_completed([pool.submit(attempt, s) for s in seeds]):
+        for future in as_completed([pool.submit(attempt, s, wide) for s in seeds]):
             found = future.result()
             out.write(json.dumps(found, default=float) + "\n")
             out.flush()
@@ -137,10 +154,10 @@ def run(first: int, last: int, file: Path, processes: int = 2) -> None:
             print(found["seed"], found["kind"], found["hidden"], z, "->", found["verdict"], *named, flush=True)
 
 
-def attempt(seed: int) -> dict:
+def attempt(seed: int, wide: bool = False) -> dict:
     """One campaign; a failure is a result too."""
     try:
-        return one(seed)
+        return one(seed, wide)
     except Exception:
         return draw(seed) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
 
@@ -197,6 +214,7 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "run":
-        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *map(int, sys.argv[5:6]))
+        more = [word for word in sys.argv[5:] if word != "wide"]
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *map(int, more), wide="wide" in sys.argv[5:])
     else:
         table(Path(sys.argv[2]))

@@ -123,6 +123,7 @@ KINDS = {
     "waits in the air": {}, "waits in contact": {"schedule.lifted": False},
     "air that warms": {"effects": ["ambient_drift"], "ambient_drift.rate": 0.05},
     "films that come and go": {"effects": ["side_cooling"], "side_cooling.gain": 100.0},
+    "walls that radiate": {"effects": ["radiation"], "ambient.convection": 15.0},
 }  # fmt: skip
 
 

@@ -16,12 +16,13 @@ from flashtemp.camera.corner import Corner
 from flashtemp.camera.hold import firmness
 from flashtemp.camera.pixels import Kept
 from flashtemp.model.laws import Laws
-from flashtemp.model.scene import Scene
+from flashtemp.model.scene import Moment, Scene
 from flashtemp.physics.interpolation import between
 
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 PLACES = 10  # groups of columns along the block, between which the wall follows splines
 CLOSE, TINY = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
+WARM = 10.0  # K by which a wall has warmed in the mean, for heat that is not proportional to that
 FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
 
 
@@ -108,14 +109,13 @@ class Films:
     @classmethod
     def of(cls, scene: Scene) -> Films:
         """Those of a scene: in 2D the walls feel what the leading wall feels."""
-        laws = Laws(scene)
-        wall, section = (laws.films.get(site, []) for site in ("block.leading", "block.sides"))
+        laws, sites = Laws(scene), ("block.leading", "block.sides")
         begun, seen, air = [], [], [0.0]
         for phase in scene.schedule.phases:
             edges = np.linspace(phase.begin, phase.end, STRETCHES + 1)
             moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
             begun += list(edges[:-1])
-            seen += [[sum(part.law(now, p) for part, p, _ in site) for site in (wall, section)] for now in moments]
+            seen += [[_film(laws, site, now, scene) for site in sites] for now in moments]
             air += [laws("ambient.temperature", 0.0, None, scene.moment(phase, t)) for t in edges[1:]]
         changed = np.append(True, np.any(np.diff(seen, axis=0) != 0.0, axis=1))
         on_wall, on_section = np.array(seen)[changed].T
@@ -125,6 +125,17 @@ class Films:
     def at(self, times, films: np.ndarray) -> np.ndarray:
         """One of the two at some `times` (s)."""
         return films[np.maximum(np.searchsorted(self.begun, times, side="right") - 1, 0)]
+
+
+def _film(laws: Laws, site: str, now: Moment, scene: Scene) -> float:
+    """What a wall loses for every kelvin, W/m2K: by its films, and by what else changes as it warms."""
+    film = float(sum(part.law(now, p) for part, p, _ in laws.films.get(site, [])))
+    there = now.at(scene.mesh, np.array([0.5 * scene.length]), 0.0)
+    for part, p, _ in laws.patches:
+        if part.site == site:
+            cold, warm = (np.mean(part.law(T, there, p)) for T in (there.ambient, there.ambient + WARM))
+            film += max(float(cold - warm), 0.0) / WARM
+    return film
 
 
 def corner_length(z, half: float):

@@ -72,7 +72,9 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: K
 def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
     """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
     reach = max(times)
-    asked = [face.times, films.begun, times, films.air[0] if np.ptp(films.air[1]) else films.begun]
+    held = np.append(True, np.any(face.hold[1:] != face.hold[:-1], axis=1))  # every other record, and where that changes
+    records = face.times[:-1][held | (np.arange(len(held)) % 2 == 0)]
+    asked = [records, films.begun, times, films.air[0] if np.ptp(films.air[1]) else films.begun]
     moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
     mid = 0.5 * (moments[1:] + moments[:-1])
     since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)

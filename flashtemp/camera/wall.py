@@ -72,7 +72,9 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: K
 def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
     """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
     reach = max(times)
-    held = np.append(True, np.any(face.hold[1:] != face.hold[:-1], axis=1))  # every other record, and where that changes
+    held = np.append(
+        True, np.any(face.hold[1:] != face.hold[:-1], axis=1)
+    )  # every other record, and where that changes
     records = face.times[:-1][held | (np.arange(len(held)) % 2 == 0)]
     asked = [records, films.begun, times, films.air[0] if np.ptp(films.air[1]) else films.begun]
     moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
@@ -113,8 +115,9 @@ class Films:
         """Those of a scene: in 2D the walls feel what the leading wall feels."""
         laws, sites = Laws(scene), ("block.leading", "block.sides")
         begun, seen, air = [], [], [0.0]
+        calm = laws.calm_films and not (laws.patches or laws.has("ambient.temperature"))  # nothing changes in a phase
         for phase in scene.schedule.phases:
-            edges = np.linspace(phase.begin, phase.end, STRETCHES + 1)
+            edges = np.linspace(phase.begin, phase.end, 1 + (1 if calm else STRETCHES))
             moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
             begun += list(edges[:-1])
             seen += [[_film(laws, site, now, scene) for site in sites] for now in moments]

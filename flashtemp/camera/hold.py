@@ -10,6 +10,8 @@ c what a lane keeps of its heat as it widens (docs/theory.md, section 2a).  A li
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from flashtemp.model.laws import Laws, laws_mean
@@ -19,39 +21,59 @@ from flashtemp.physics.arrays import Array
 AGES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 DEEP, SHARES = np.polynomial.laguerre.laggauss(16)  # of the squared way sideways, over that of heat of one age
 STRETCHES = 40  # of the root of the age, in each of which what came lies along a line
+DOUBLINGS = 8  # of the time for which a block has waited in contact
 FIRMEST = 1e6  # W/m2K
 
 
-def firmness(scene: Scene, times: Array, rise: Array) -> Array:
+def firmness(
+    scene: Scene, times: Array, rise: Array, pressure: Array | None = None, worn: Array | None = None
+) -> Array:
     """H (n - 1, x) in W/m2K by which the face's `rise` (n, x) in K, kept at `times` (n,) in s, is held in between.
 
-    It is that of a phase of the schedule, for the mean shape that the rise has in all that are like it.
+    It is that of a phase of the schedule, for the mean shapes that rise, local `pressure` (n, x) in Pa and worn depth
+    (n, x) in m have in all that are like it.
     """
     laws, mid = Laws(scene), 0.5 * (times[1:] + times[:-1])
     out = np.zeros((len(mid), rise.shape[1]))
     alike: dict[tuple, tuple[Moment, list[np.ndarray]]] = {}  # phases in which the contact is the same
-    for phase in scene.schedule.phases:
-        here = (mid > phase.begin) & (mid <= phase.end)
-        now = scene.moment(phase, 0.5 * (phase.begin + phase.end))
+    for begin, end, phase in _parts(scene):
+        here, now = (mid > begin) & (mid <= end), scene.moment(phase, 0.5 * (begin + end))
         if now.touching and here.any():
             alike.setdefault((now.speed, now.pressure, now.waited, now.direction), (now, []))[1].append(here)
         else:
             films = laws.films.get("block.face", [])
             out[here] = min(sum(part.law(now, p) for part, p, _ in films), FIRMEST)
     for now, parts in alike.values():
-        shape = np.maximum(rise[1:][np.any(parts, axis=0)].mean(axis=0), 0.0)[:: now.direction]
+        here = np.any(parts, axis=0)
+        load, lost = (None if a is None else a[1:][here].mean(axis=0)[:: now.direction] for a in (pressure, worn))
+        shape = np.maximum(rise[1:][here].mean(axis=0), 0.0)[:: now.direction]
         shape = shape + 0.01 * shape.max() if shape.any() else np.ones_like(shape)
-        phi, resistance = _passing(scene, laws, now)
-        out[np.any(parts, axis=0)] = (phi * np.linalg.solve(resistance, shape) / shape)[:: now.direction]
+        phi, resistance = _passing(scene, laws, now, load, lost)
+        out[here] = (phi * np.linalg.solve(resistance, shape) / shape)[:: now.direction]
     return np.clip(out, 0.0, FIRMEST)
 
 
-def _passing(scene: Scene, laws: Laws, now: Moment) -> tuple[Array, Array]:
+def _parts(scene: Scene):
+    """Begin and end (s) of phases; of waits in contact, which holds ever less, of every doubling of their time."""
+    for phase in scene.schedule.phases:
+        if phase.sliding or scene.schedule.lifted or scene.schedule.alone:
+            yield phase.begin, phase.end, phase
+            continue
+        ends = phase.begin + (phase.end - phase.begin) * np.append(0.0, 0.5 ** np.arange(DOUBLINGS, -1.0, -1.0))
+        for begin, end in pairwise(ends.tolist()):
+            yield begin, end, phase
+
+
+def _passing(scene: Scene, laws: Laws, now: Moment, load, worn) -> tuple[Array, Array]:
     """Contact fraction (x,), and what fluxes (x,) of the spots make of the face's rise there, (x, x) in m2 K/W."""
     mesh = scene.mesh
     edges = mesh.x[mesh.first : mesh.last + 1] - mesh.x[mesh.first]
-    one, load = np.ones(len(edges) - 1), laws_mean(laws, "contact.pressure", mesh, now)
-    at = now.under(mesh, local_pressure=now.pressure * load / (load @ np.diff(edges)) * scene.length)
+    one = np.ones(len(edges) - 1)
+    if load is None:
+        load = laws_mean(laws, "contact.pressure", mesh, now)
+        load = now.pressure * load / (load @ np.diff(edges)) * scene.length
+    worn = 0.0 * one if worn is None else worn
+    at = now.under(mesh, local_pressure=load, worn=worn, face=scene.ambient * one)
     phi = np.clip(laws("contact.spot_fraction", 0.0, None, at) * one, 1e-6, 1.0)
     seen = at.seeing(spot_fraction=phi, covered=float(phi @ np.diff(edges) / scene.length))
     beside = sum(laws(f"contact.{name}", 0.0, None, seen) for name in ("resistance", "micro_resistance"))

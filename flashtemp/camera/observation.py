@@ -169,11 +169,13 @@ def _road(run, scene, recording, times, face: Face | None, kept: Kept):
         return np.swapaxes(_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
     if run.direction is not None or scene.schedule.alone or not films.wall.any():
         return np.repeat(T[:, None], 2, axis=1), behind, np.array([-half, half])
-    same = b"edges of a wake" + b"".join(a.tobytes() for a in (times, behind, films.begun, films.wall, films.section))
+    known = times, behind, films.begun, films.wall, films.section, run.mesh.x, run.mesh.y
+    same = b"edges of a wake" + b"".join(a.tobytes() for a in known)
     if same not in kept:  # what little else changes them is of second order
         kept[same] = across(scene, run, films, times, behind, face or Face.of(run, scene))
-    (y, share), air = kept[same], scene.ambient - KELVIN
-    return air + (T - air)[:, None] * share, behind, y
+    y, share = kept[same]
+    air = scene.ambient - KELVIN + np.interp(times, *films.air)[:, None]
+    return air[:, None] + (T - air)[:, None] * share, behind, y
 
 
 def _wall(run, scene, times, face: Face | None, kept: Kept | None):

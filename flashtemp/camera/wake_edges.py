@@ -13,6 +13,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.physics.interpolation import between
 
 DEEPEST, NODES = 0.012, 9  # m that air reaches into a block while it is tested, and nodes over it
+SLOW = 0.5  # of the speed so far: below, the road that is seen was passed before
 LEAST = 0.02  # of what friction releases, below which the road's heat is no measure
 
 
@@ -21,9 +22,13 @@ def across(scene: Scene, run, films: Films, times, behind, face: Face) -> tuple[
 
     At `times` (s), and at `behind` (m) from the leading edge.
     """
-    half = 0.5 * scene.width
-    off = min(half, DEEPEST) * np.linspace(0.0, 1.0, NODES) ** 2
-    slid = _sliding(scene, np.asarray(times))
+    half, reach = 0.5 * scene.width, min(0.5 * scene.width, DEEPEST)
+    off = reach * np.linspace(0.0, 1.0, NODES) ** 2
+    middle = slice(1, None) if reach == half else slice(None)  # there both sides meet
+    y = np.concatenate([-half + off, (half - off[::-1])[middle]])
+    slid = _passing(scene, run, np.asarray(times, dtype=float))
+    if slid.max() <= face.times[0]:
+        return y, np.ones((len(slid), len(y), len(behind)))
     corner, moments = corner_of(scene, films, slid, face)
     lacks, _, into_block = corner.lacks(np.zeros(1), off, moments)
     released = _released(scene, run, slid, corner.edges)
@@ -34,30 +39,36 @@ def across(scene: Scene, run, films: Films, times, behind, face: Face) -> tuple[
     weight = roots[:, :-1] - roots[:, 1:]
     less = np.einsum("ux,fxy->fyu", weight, missing) / np.maximum((taken @ weight.T)[:, None], 1e-12)
     share = 1.0 - np.clip(less, 0.0, 1.0)
-    return np.concatenate([-half + off, half - off[::-1]]), np.concatenate([share, share[:, ::-1]], axis=1)
+    return y, np.concatenate([share, share[:, ::-1][:, middle]], axis=1)
 
 
-def _sliding(scene: Scene, times: np.ndarray) -> np.ndarray:
-    """The times (s), or where the block waits then the end of its last sliding."""
-    out = times.astype(float)
+def _passing(scene: Scene, run, times: np.ndarray) -> np.ndarray:
+    """When (s) the road passed that the camera sees: the times themselves, or where the block is slow or waits then the
+    last record of half its speed."""
+    records = np.asarray(run.time, dtype=float)
+    fast = np.array([_speed(scene, t) for t in records])
+    fast = fast >= SLOW * np.maximum.accumulate(fast)
+    last = np.maximum.accumulate(np.where(fast, records, records[0]))
+    before = last[np.maximum(np.searchsorted(records, times, side="right") - 1, 0)]
+    top = max((_speed(scene, t) for t in records), default=0.0)
+    return np.where([_speed(scene, t) >= SLOW * top for t in times], times, before)
+
+
+def _speed(scene: Scene, t: float) -> float:
+    """Speed (m/s) at a time (s), 0 while the block waits."""
     for phase in scene.schedule.phases:
-        if not phase.sliding:
-            out[(times > phase.begin) & (times <= phase.end)] = phase.begin
-    return out
+        if phase.begin <= t <= phase.end and phase.sliding:
+            return scene.moment(phase, t).speed
+    return 0.0
 
 
 def _released(scene: Scene, run, times: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Friction heat mu p v (frames, x) in W/m2 of face, means over groups of columns between `edges` (m)."""
-    phases = [p for p in scene.schedule.phases if p.sliding]
-    speed = [
-        next((scene.moment(p, t).speed for p in reversed(phases) if p.begin <= t <= p.end + 1e-9), 0.0) for t in times
-    ]
     slides = np.isfinite(run.friction)
     mu = np.interp(times, run.time[slides], run.friction[slides])
     columns = run.mesh.x[run.mesh.first : run.mesh.last + 1]
     group = np.clip(np.searchsorted(edges, 0.5 * (columns[1:] + columns[:-1])) - 1, 0, len(edges) - 2)
     inside = group[:, None] == np.arange(len(edges) - 1)
-    pressure = between(run.pressure.astype(float), run.time, times) @ (
-        inside * np.diff(columns)[:, None] / np.diff(edges)
-    )
-    return pressure * (mu * speed)[:, None]
+    mean = inside * np.diff(columns)[:, None] / np.diff(edges)
+    speed = np.array([_speed(scene, t) for t in times])
+    return between(run.pressure.astype(float), run.time, times) @ mean * (mu * speed)[:, None]

@@ -13,12 +13,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flashtemp.camera.corner import Corner
-from flashtemp.camera.hold import firmness
+from flashtemp.camera.hold import FIRMEST, firmness
 from flashtemp.camera.pixels import Kept
 from flashtemp.model.laws import Laws
 from flashtemp.model.scene import Moment, Scene
 from flashtemp.physics.interpolation import between
 
+WITHIN = np.polynomial.legendre.leggauss(3)[0]  # a stretch, at which films are asked for
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 PLACES = 10  # groups of columns along the block, between which the wall follows splines
 CLOSE, TINY = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
@@ -28,17 +29,21 @@ FAINT = 0.02  # of the largest rise of a face, and K: below, a change is no shar
 
 @dataclass(frozen=True)
 class Face:
-    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, and the contact's `hold` (n - 1, x), W/m2K."""
+    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, the contact's `hold` (n - 1, x) in W/m2K, and what
+    that follows from: local `pressure` (n, x) in Pa and how far it is `worn` (n, x), m."""
 
     rise: np.ndarray
     times: np.ndarray
     hold: np.ndarray
+    pressure: np.ndarray | None = None
+    worn: np.ndarray | None = None
 
     @classmethod
     def of(cls, run, scene: Scene) -> Face:
         """That of a run of a scene in 2D."""
         rise = run.T_block.astype(float) - run.ambient_degC
-        return cls(rise, run.time, firmness(scene, run.time, rise))
+        pressure, worn = run.pressure.astype(float), run.worn.astype(float)
+        return cls(rise, run.time, firmness(scene, run.time, rise, pressure, worn), pressure, worn)
 
     def beside(self, run, level, scene: Scene) -> Face:
         """That of a neighbour of this run with a scene of its own, which is recorded at few of its times, as is the
@@ -49,7 +54,8 @@ class Face:
         moved, plain = (one.T_block.astype(float) - one.ambient_degC for one in (run, level))
         share = (moved - plain) / np.maximum(plain, FAINT * max(float(plain.max()), FAINT))
         rise = self.rise * (1.0 + between(share, level.time, self.times))
-        return Face(rise, self.times, firmness(scene, self.times, self.rise))  # its own shape is of second order
+        hold = firmness(scene, self.times, self.rise, self.pressure, self.worn)  # its own shapes are of second order
+        return Face(rise, self.times, hold, self.pressure, self.worn)
 
 
 def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: Kept | None = None) -> np.ndarray:
@@ -57,6 +63,8 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: K
 
     z (m) above the face; `kept` is what images of one recording share.  In 2D alone: in 3D the wall is resolved.
     """
+    if max(times) <= face.times[0]:
+        return section
     corner, moments = corner_of(scene, films, times, face)
     lack, own, _ = corner.lacks(z, np.zeros(1), moments, kept)
     lack, first = lack[:, :, 0], _groups(scene)
@@ -112,15 +120,15 @@ class Films:
 
     @classmethod
     def of(cls, scene: Scene) -> Films:
-        """Those of a scene: in 2D the walls feel what the leading wall feels."""
-        laws, sites = Laws(scene), ("block.leading", "block.sides")
+        """Those of a scene: in 2D the air cools the side walls as it does the leading one."""
+        laws = Laws(scene)
         begun, seen, air = [], [], [0.0]
         calm = laws.calm_films and not (laws.patches or laws.has("ambient.temperature"))  # nothing changes in a phase
         for phase in scene.schedule.phases:
             edges = np.linspace(phase.begin, phase.end, 1 + (1 if calm else STRETCHES))
-            moments = [scene.moment(phase, t) for t in 0.5 * (edges[1:] + edges[:-1])]
+            within = 0.5 * (edges[:-1, None] + edges[1:, None] + np.diff(edges)[:, None] * WITHIN)
             begun += list(edges[:-1])
-            seen += [[_film(laws, site, now, scene) for site in sites] for now in moments]
+            seen += [np.mean([_films(laws, scene.moment(phase, t), scene) for t in some], axis=0) for some in within]
             air += [laws("ambient.temperature", 0.0, None, scene.moment(phase, t)) for t in edges[1:]]
         changed = np.append(True, np.any(np.diff(seen, axis=0) != 0.0, axis=1))
         on_wall, on_section = np.array(seen)[changed].T
@@ -128,19 +136,28 @@ class Films:
         return cls(np.array(begun)[changed], on_wall, on_section, (clock, np.array(air)))
 
     def at(self, times, films: np.ndarray) -> np.ndarray:
-        """One of the two at some `times` (s)."""
-        return films[np.maximum(np.searchsorted(self.begun, times, side="right") - 1, 0)]
+        """One of the two at some `times` (s), where it changes the one before."""
+        return films[np.maximum(np.searchsorted(self.begun, times) - 1, 0)]
 
 
-def _film(laws: Laws, site: str, now: Moment, scene: Scene) -> float:
-    """What a wall loses for every kelvin, W/m2K: by its films, and by what else changes as it warms."""
-    film = float(sum(part.law(now, p) for part, p, _ in laws.films.get(site, [])))
-    there = now.at(scene.mesh, np.array([0.5 * scene.length]), 0.0)
+def _films(laws: Laws, now: Moment, scene: Scene) -> tuple[float, float]:
+    """What side walls lose for every kelvin, and of that what the section feels as a whole, W/m2K.
+
+    By films and by what else changes as a wall warms.  In 2D the base's films say nothing of side walls: what they say
+    of the leading one holds there.
+    """
+    there = now.at(scene.mesh, np.array([0.5 * scene.length]), 0.0, local_pressure=now.pressure,
+                   spot_fraction=scene.spot_fraction, covered=scene.spot_fraction)  # fmt: skip
+    base = {acting.name for acting in scene.acting if acting.effect.base}
+    sides, leading = laws.films.get("block.sides", []), laws.films.get("block.leading", [])
+    said = {name for _, _, name in sides}
+    section = sum(part.law(now, p) for part, p, _ in sides)
+    wall = sum(part.law(now, p) for part, p, name in leading if name in base - said)
     for part, p, _ in laws.patches:
-        if part.site == site:
+        if part.site == "block.sides":
             cold, warm = (np.mean(part.law(T, there, p)) for T in (there.ambient, there.ambient + WARM))
-            film += max(float(cold - warm), 0.0) / WARM
-    return film
+            section += max(float(cold - warm), 0.0) / WARM
+    return min(float(section + wall), FIRMEST), min(float(section), FIRMEST)
 
 
 def corner_length(z, half: float):

@@ -217,7 +217,8 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     recording, scene, asked = thermocouples.where(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
-    face = None if scene.resolved else Face.of(near.run, scene)
+    walls = recording.view in ("sidewall", "wake") and not scene.resolved
+    face = Face.of(near.run, scene) if walls else None
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,

@@ -1,4 +1,4 @@
-"""Makes the recordings of cases/paper_story anew: `.venv/bin/python docs/paper_story.py` (two minutes)."""
+"""Makes the recordings of cases/paper_story anew: `.venv/bin/python docs/paper_story.py` (45 minutes)."""
 
 from __future__ import annotations
 

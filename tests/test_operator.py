@@ -494,3 +494,38 @@ def corner(*stages, n=44, steps=120):
     T = T.reshape(n, n)
     inner = dy[0] / (2 * k)
     return 0.5 * (z[1:] + z[:-1]), T[0] / (1 + inner * film), T[-1]
+
+
+# --- odd cases ------------------------------------------------------------------------------------
+ODD = {
+    "a narrow block": {"block.width": 0.02},
+    "a block that comes to rest": {"schedule.speed": [[0.0, 0.0], [1.0, 0.1], [2.0, 0.1], [3.0, 0.0]]},
+    "waits in contact": {"schedule.lifted": False},
+    "air that cools down": {"effects": ["ambient_drift"], "ambient_drift.rate": -0.2},
+    "a block that slides back": {"schedule.turn": 1},
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_walls_and_wakes_of_odd_cases_are_a_little_cooler(name):
+    """By some per cent of how warm they are above the air, at any time: before sliding too, and long after."""
+    given = {"numerics.mesh": 0.3, "schedule.distance": 0.2, "schedule.repetitions": 2, "schedule.wait": 5.0}
+    made = assemble({}, given | ODD[name], Places("none"), Path(), "odd")
+    end = made.scene.schedule.end
+    times = np.array([0.0, 0.01, 0.3, 0.5, 0.97, 1.0]) * end
+    run = march(made.scene, replace(made.settings, times=tuple(times)))
+    bare = replace(made.scene, acting=tuple(a for a in made.scene.acting if a.name != "convection"))
+    half = 0.5 * made.scene.width
+    for view, u, v in (("sidewall", [0.005, 0.02], [5e-4, 2e-3]), ("wake", [0.026, 0.03], [1e-3 - half, 0.0])):
+        told = Recording(
+            view=view, temperature=np.zeros((6, 2, 2)), time=times, repetition=np.ones(6, int), u=np.array(u),
+            v=np.array(v), emissivity=0.95,
+        )  # fmt: skip
+        seen, plain = (observe(run, scene, told).temperature for scene in (made.scene, bare))
+        first = observe(run, made.scene, replace(told, temperature=told.temperature[:1], time=times[:1] - 1.0,
+                                                 repetition=np.ones(1, int))).temperature  # fmt: skip
+        assert np.all(np.isfinite(seen))
+        np.testing.assert_allclose(first, 20.0, atol=1e-6)
+        warm = np.abs(plain - 20.0).max()
+        assert np.abs(seen - plain).max() < (0.1 * warm + 0.2 if view == "sidewall" else 0.02 * warm)
+        assert np.all(seen <= plain + 1e-3) or name == "air that cools down"

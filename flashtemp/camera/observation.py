@@ -95,6 +95,8 @@ def check(recording: Recording, scene: Scene, file: str) -> None:
         raise BadInput(
             f"{file}: view: the side wall of a block with layers is not modelled; give points, a wake or a profile"
         )
+    if recording.view == "wake" and scene.mesh.last == len(scene.mesh.x) - 1:
+        raise BadInput(f"{file}: view: no road lies behind the block; give road.downstream more than 0 m to see a wake")
     if recording.places is not None:
         point_observation.check(recording.places, scene, file)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-ALONG, UP, ACROSS = 24, 64, 40
+ALONG, UP, ACROSS = 16, 40, 32
 HEIGHTS, SWEEPS = 160, 4
 
 

@@ -364,7 +364,8 @@ def wall_of(lab, z, section, films, time, face=None):
 def along(times, rise, held):
     """A block's face, alike in both columns of `lab.column`, held by as much (W/m2K) all the time or in each step."""
     two = np.ones(2)
-    return Face(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two))
+    none = np.zeros((len(times), 2))
+    return Face(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two), none, none)
 
 
 @pytest.mark.parametrize("tilted", [False, True])
@@ -377,7 +378,7 @@ def test_the_contact_holds_the_face_as_firmly_as_a_run_finds(tilted):
     made = assemble({}, given, Places("none"), Path(), "hold")
     run = march(made.scene, made.settings)
     rise, size = run.T_block.astype(float) - run.ambient_degC, run.mesh.dx_block / run.mesh.dx_block.sum()
-    hold = firmness(made.scene, run.time, rise)
+    hold = firmness(made.scene, run.time, rise, run.pressure, run.worn)
     mid = 0.5 * (run.time[1:] + run.time[:-1])
     warming = (run.repetition[1:] == 2) & run.sliding[1:] & (mid > 29.0)
     taken = np.diff(run.energy["block"]) / np.diff(run.time) / made.scene.length

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from flashtemp.model.laws import Laws, laws_mean
+from flashtemp.model.laws import Laws
 from flashtemp.model.scene import Moment, Scene
 from flashtemp.physics.arrays import Array
 
@@ -25,9 +25,7 @@ DOUBLINGS = 8  # of the time for which a block has waited in contact
 FIRMEST = 1e6  # W/m2K
 
 
-def firmness(
-    scene: Scene, times: Array, rise: Array, pressure: Array | None = None, worn: Array | None = None
-) -> Array:
+def firmness(scene: Scene, times: Array, rise: Array, pressure: Array, worn: Array) -> Array:
     """H (n - 1, x) in W/m2K by which the face's `rise` (n, x) in K, kept at `times` (n,) in s, is held in between.
 
     It is that of a phase of the schedule, for the mean shapes that rise, local `pressure` (n, x) in Pa and worn depth
@@ -45,7 +43,7 @@ def firmness(
             out[here] = min(sum(part.law(now, p) for part, p, _ in films), FIRMEST)
     for now, parts in alike.values():
         here = np.any(parts, axis=0)
-        load, lost = (None if a is None else a[1:][here].mean(axis=0)[:: now.direction] for a in (pressure, worn))
+        load, lost = (a[1:][here].mean(axis=0)[:: now.direction] for a in (pressure, worn))
         shape = np.maximum(rise[1:][here].mean(axis=0), 0.0)[:: now.direction]
         shape = shape + 0.01 * shape.max() if shape.any() else np.ones_like(shape)
         phi, resistance = _passing(scene, laws, now, load, lost)
@@ -64,15 +62,11 @@ def _parts(scene: Scene):
             yield begin, end, phase
 
 
-def _passing(scene: Scene, laws: Laws, now: Moment, load, worn) -> tuple[Array, Array]:
+def _passing(scene: Scene, laws: Laws, now: Moment, load: Array, worn: Array) -> tuple[Array, Array]:
     """Contact fraction (x,), and what fluxes (x,) of the spots make of the face's rise there, (x, x) in m2 K/W."""
     mesh = scene.mesh
     edges = mesh.x[mesh.first : mesh.last + 1] - mesh.x[mesh.first]
     one = np.ones(len(edges) - 1)
-    if load is None:
-        load = laws_mean(laws, "contact.pressure", mesh, now)
-        load = now.pressure * load / (load @ np.diff(edges)) * scene.length
-    worn = 0.0 * one if worn is None else worn
     at = now.under(mesh, local_pressure=load, worn=worn, face=scene.ambient * one)
     phi = np.clip(laws("contact.spot_fraction", 0.0, None, at) * one, 1e-6, 1.0)
     seen = at.seeing(spot_fraction=phi, covered=float(phi @ np.diff(edges) / scene.length))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.camera.wall import Face, Films, corner_of
+from flashtemp.camera.wall import Face, Films, corner_of, means
 from flashtemp.model.scene import Scene
 from flashtemp.physics.interpolation import between
 
@@ -31,7 +31,7 @@ def across(scene: Scene, run, films: Films, times, behind, face: Face) -> tuple[
         return y, np.ones((len(slid), len(y), len(behind)))
     corner, moments = corner_of(scene, films, slid, face)
     lacks, _, into_block = corner.lacks(np.zeros(1), off, moments)
-    released = _released(scene, run, slid, corner.edges)
+    released = _released(scene, run, slid)
     taken = np.maximum(released - into_block, LEAST * released)
     missing = corner.hold[np.maximum(moments - 1, 0), :, None] * lacks[..., 0]
     ends = corner.edges - corner.edges[0]
@@ -43,15 +43,13 @@ def across(scene: Scene, run, films: Films, times, behind, face: Face) -> tuple[
 
 
 def _passing(scene: Scene, run, times: np.ndarray) -> np.ndarray:
-    """When (s) the road passed that the camera sees: the times themselves, or where the block is slow or waits then the
-    last record of half its speed."""
-    records = np.asarray(run.time, dtype=float)
-    fast = np.array([_speed(scene, t) for t in records])
-    fast = fast >= SLOW * np.maximum.accumulate(fast)
-    last = np.maximum.accumulate(np.where(fast, records, records[0]))
-    before = last[np.maximum(np.searchsorted(records, times, side="right") - 1, 0)]
-    top = max((_speed(scene, t) for t in records), default=0.0)
-    return np.where([_speed(scene, t) >= SLOW * top for t in times], times, before)
+    """When (s) the road passed that the camera sees: the times themselves, or where the block slides at less than half
+    of its speed so far, or waits, the last record of more."""
+    speeds = np.array([_speed(scene, t) for t in run.time])
+    top = np.maximum.accumulate(speeds)
+    last = np.maximum.accumulate(np.where(speeds >= SLOW * top, run.time, run.time[0]))
+    now = np.maximum(np.searchsorted(run.time, times, side="right") - 1, 0)
+    return np.where([_speed(scene, t) >= SLOW * top[k] for t, k in zip(times, now, strict=True)], times, last[now])
 
 
 def _speed(scene: Scene, t: float) -> float:
@@ -62,13 +60,9 @@ def _speed(scene: Scene, t: float) -> float:
     return 0.0
 
 
-def _released(scene: Scene, run, times: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Friction heat mu p v (frames, x) in W/m2 of face, means over groups of columns between `edges` (m)."""
+def _released(scene: Scene, run, times: np.ndarray) -> np.ndarray:
+    """Friction heat mu p v (frames, groups of columns) in W/m2 of face."""
     slides = np.isfinite(run.friction)
     mu = np.interp(times, run.time[slides], run.friction[slides])
-    columns = run.mesh.x[run.mesh.first : run.mesh.last + 1]
-    group = np.clip(np.searchsorted(edges, 0.5 * (columns[1:] + columns[:-1])) - 1, 0, len(edges) - 2)
-    inside = group[:, None] == np.arange(len(edges) - 1)
-    mean = inside * np.diff(columns)[:, None] / np.diff(edges)
     speed = np.array([_speed(scene, t) for t in times])
-    return between(run.pressure.astype(float), run.time, times) @ mean * (mu * speed)[:, None]
+    return between(run.pressure.astype(float), run.time, times) @ means(scene)[1] * (mu * speed)[:, None]

@@ -19,7 +19,7 @@ from flashtemp.model.laws import Laws
 from flashtemp.model.scene import Moment, Scene
 from flashtemp.physics.interpolation import between
 
-WITHIN = np.polynomial.legendre.leggauss(3)[0]  # a stretch, at which films are asked for
+WITHIN = np.array([-2.0, 0.0, 2.0]) / 3.0  # a stretch from -1 to 1, where films are asked for
 STRETCHES = 8  # of a phase, in each of which the film of the walls is taken for even
 PLACES = 10  # groups of columns along the block, between which the wall follows splines
 CLOSE, TINY = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
@@ -35,8 +35,8 @@ class Face:
     rise: np.ndarray
     times: np.ndarray
     hold: np.ndarray
-    pressure: np.ndarray | None = None
-    worn: np.ndarray | None = None
+    pressure: np.ndarray
+    worn: np.ndarray
 
     @classmethod
     def of(cls, run, scene: Scene) -> Face:
@@ -80,24 +80,27 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: K
 def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
     """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
     reach = max(times)
-    held = np.append(
-        True, np.any(face.hold[1:] != face.hold[:-1], axis=1)
-    )  # every other record, and where that changes
-    records = face.times[:-1][held | (np.arange(len(held)) % 2 == 0)]
+    other = np.append(True, np.any(face.hold[1:] != face.hold[:-1], axis=1))
+    records = face.times[:-1][other | (np.arange(len(other)) % 2 == 0)]  # every second, and where the hold changes
     asked = [records, films.begun, times, films.air[0] if np.ptp(films.air[1]) else films.begun]
     moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
     mid = 0.5 * (moments[1:] + moments[:-1])
     since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
-    first, edges = _groups(scene), scene.mesh.x[scene.mesh.first : scene.mesh.last + 1]
-    inside = np.repeat(np.eye(len(first) - 1), np.diff(first), axis=0)
-    mean = inside * np.diff(edges)[:, None] / np.diff(edges[first])
+    edges, mean = means(scene)
     air = np.interp(moments, *films.air)
     rise = between(face.rise @ mean, face.times, moments) - air[:, None]
     corner = Corner(
-        scene.block, scene.width, scene.height, edges[first], moments, rise, air, (face.hold @ mean)[since],
+        scene.block, scene.width, scene.height, edges, moments, rise, air, (face.hold @ mean)[since],
         films.at(mid, films.wall), films.at(mid, films.section),
     )  # fmt: skip
     return corner, np.searchsorted(moments, np.clip(times, moments[0], reach))
+
+
+def means(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (groups + 1,) in m of groups of columns, and what makes means over them of columns (columns, groups)."""
+    first, edges = _groups(scene), scene.mesh.x[scene.mesh.first : scene.mesh.last + 1]
+    inside = np.repeat(np.eye(len(first) - 1), np.diff(first), axis=0)
+    return edges[first], inside * np.diff(edges)[:, None] / np.diff(edges[first])
 
 
 def _groups(scene: Scene) -> np.ndarray:

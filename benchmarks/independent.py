@@ -32,7 +32,8 @@ TYPICAL = {  # parameter that is drawn, and a size that nobody would miss
     "track_memory": ("strength", 1.0), "time_lag": ("lag", -0.1),
 }  # fmt: skip
 FEW = ("pressure_tilt", "friction_softening", "conductivity_slope", "ambient_drift", "interface_resistance", "time_lag")
-FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws that the catalogue does not hold
+FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws that no candidate holds
+HELD = {"laminar_cooling": ("side_cooling", "exponent", 0.5)}  # but this one, where it is tried: with what value
 LABORATORY = {"larger": 0.025, "turned": 0.035, "length": 6e-4, "mirrored": True}  # errors beyond what is usual
 KINDS = {"null": 0.3, "single": 0.45, "foreign": 0.125, "laboratory": 0.125}
 BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
@@ -162,7 +163,7 @@ def run(first: int, last: int, file: Path, **how: bool) -> None:
 def outcome(r: dict) -> str:
     """right, extra, wrong, group, weak, weak wrong, laboratory, or the verdict itself."""
     physics = {c["effect"] for c in r.get("causes", []) if not c["laboratory"]}
-    truth = {r["hidden"]} if r["kind"] == "single" else set()
+    truth = {r["hidden"]} if r["kind"] == "single" else {HELD[r["hidden"]][0]} if r["hidden"] in HELD else set()
     if r["verdict"] == "weak":
         return "weak" if physics <= truth else "weak wrong"
     if r["verdict"] == "group":
@@ -184,6 +185,8 @@ def table(file: Path) -> None:
         if label == "single":
             low, high = next(b for b in BINS if b[0] <= r.get("z", 0.0) < b[1])
             label = f"one effect, z {low} to {high}"
+        elif r["hidden"] in HELD:
+            label = "walls cooled as sqrt(v)"
         counts[label][outcome(r)] += 1
     heads = sorted({o for c in counts.values() for o in c})
     print("| hidden | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|")
@@ -191,12 +194,13 @@ def table(file: Path) -> None:
         print(f"| {label} | {counts[label].total()} | " + " | ".join(str(counts[label][o]) for o in heads) + " |")
     inside, total = 0, 0
     for r in rows:
-        if r["kind"] == "single" and outcome(r) in ("right", "extra", "weak"):
-            name = f"{r['hidden']}.{TYPICAL[r['hidden']][0]}"
+        if r["hidden"] and outcome(r) in ("right", "extra", "weak"):
+            effect, key, true = HELD.get(r["hidden"], (r["hidden"], "", r["true"].get(r["hidden"])))
+            name = f"{effect}.{key or TYPICAL[effect][0]}"
             for c in r["causes"]:
                 if name in c["parameters"]:
                     _, _, low, high = c["parameters"][name]
-                    inside, total = inside + (low <= r["true"][r["hidden"]] <= high), total + 1
+                    inside, total = inside + (low <= true <= high), total + 1
     print(f"95 % intervals hold the truth in {inside} of {total}")
     for kind in KINDS:
         spent = [r["cpu_s"] - r["made_s"] for r in rows if r["kind"] == kind and "cpu_s" in r]

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import truth
-from scipy.special import erfc
+from scipy.special import erfc, erfcx
 from truth import laboratory
 from truth.laboratory import Errors, Programme
 from truth.sliding import Pair, Sliding
+from truth.wall import ALONG, Wall
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
@@ -43,6 +44,20 @@ def test_the_block_takes_an_even_flux_like_a_half_space():
     z, root = np.array([0.0, 3e-4, 1e-3, 2e-3]), np.sqrt(4.0 * pair.k / pair.rc * 5.0)
     exact = 1000.0 / pair.k * (root / np.sqrt(np.pi) * np.exp(-((z / root) ** 2)) - z * erfc(z / root))
     np.testing.assert_allclose(s.field(pair.x[:1], z)[:, 0], exact, atol=1e-4 * exact[0])
+
+
+def test_the_wall_of_a_wide_block_is_cooled_like_a_half_space():
+    """Carslaw & Jaeger 2.7: 1 - exp(h2Dt/k2) erfc(h sqrt(Dt)/k), for 10 s; then a film that is stronger draws more."""
+    pair, section, (rest, slide) = Pair(width=0.084), Sliding(Pair(columns=ALONG), 0.2), (9.0, 33.0)
+    wall, D = Wall(pair, np.zeros(ALONG), 0.0, 30.0), pair.k / pair.rc
+    even = np.zeros((pair.columns, pair.degree))
+    even[0] = section.modal.sum(axis=0)
+    before, later = np.linspace(0.0, 10.0, 200)[1:], np.geomspace(0.01, 1.0, 60)
+    lacks = [wall.step(t, rest, 0.0, False, even, 0.0)[80, 16] for t in before]
+    np.testing.assert_allclose(lacks, 1.0 - erfcx(rest / pair.k * np.sqrt(D * before)), atol=1e-3)
+    more = [wall.step(10.0 + t, slide, 0.0, True, even, 0.0)[80, 16] - lacks[-1] for t in later]
+    exact = (1.0 - lacks[-1]) * (1.0 - erfcx((slide - rest) / pair.k * np.sqrt(D * later)))
+    np.testing.assert_allclose(more[20:], exact[20:], atol=2e-3)
 
 
 def check_agrees(folder, hidden, test, share, known=""):

@@ -221,7 +221,7 @@ def live(world, asked):
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.places(p)), world.convection)
+    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.places(p)), world.convection, t)
     wakes, lacks, beside = {m.t: m.wake[0] + p.length for m in moments if m.sliding and m.looked}, {}, {}
     for t, *now in history:
         lacks[t] = wall.step(t, *now)

@@ -2,26 +2,28 @@
 
 Whatever is drawn spreads by diffusion, each product of cosines by itself.  Draws are linear in time between moments: by
 the air from the wall as far as that is warm, by the ends of the block, and by the contact, which passes on less where the
-face is cooler.  Cosines that are too short to matter follow at once.
+face is cooler.  Cosines that are too short to matter follow at once; they reach no deeper than heat spreads.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-ALONG, UP, ACROSS = 16, 40, 32
+ALONG, UP, ACROSS = 16, 40, 64
+FAR = 6.0  # roots of diffusivity and time
 HEIGHTS, SWEEPS = 160, 4
 
 
 class Wall:
     """What a block's wall lacks against its section, from t = 0 on: sizes of the cosines (across, along, up)."""
 
-    def __init__(self, pair, held, free):
-        """`held` (places,) and `free` (W/m2K): what leaves the face for every kelvin that it is warmer."""
+    def __init__(self, pair, held, free, end):
+        """`held` (places,) and `free` (W/m2K): what leaves the face for every kelvin that it is warmer, until `end` (s)."""
+        self.depth = min(0.5 * pair.width, FAR * np.sqrt(pair.k / pair.rc * end))
         self.pair, self.hold = pair, {True: held, False: np.full(ALONG, free)}
         places, (z, _) = self.places(pair), self.grid(pair)
         numbers = (np.arange(count) for count in (ACROSS + 1, ALONG, UP + 1))
-        sizes = (0.5 * pair.width, pair.length, pair.height)
+        sizes = (self.depth, pair.length, pair.height)
         waves = [np.pi * n / size for n, size in zip(numbers, sizes, strict=True)]
         self.rate = pair.k / pair.rc * sum(w**2 for w in np.ix_(*waves))
         self.share, self.along, self.up = (np.where(w > 0.0, 2.0, 1.0) for w in waves)
@@ -39,6 +41,7 @@ class Wall:
         part = np.cos(np.outer(z, np.pi * n / pair.height)) @ (1.0 / n**2)
         self.shallow = 2.0 * pair.height / (np.pi**2 * pair.k) * part
         self.t, self.touching, self.left = 0.0, True, np.zeros(self.rate.shape)
+        self.film, self.drawn = 0.0, np.zeros((ALONG, UP + 1))
         self.draw, self.flux = np.zeros(self.rate.shape), np.zeros((ACROSS + 1, ALONG))
 
     @staticmethod
@@ -56,10 +59,11 @@ class Wall:
         section = self.section @ amplitude @ self.over.T
         section[0, 0] -= air
         kept, young, old = _within(self.rate, t - self.t)
-        if touching != self.touching:
-            self.flux, self.touching = self.hold[touching] * self._face(self.left, self.flux), touching
         hold, beside = self.hold[touching], np.zeros_like(self.left)
-        beside[0] = fin * section
+        beside[0] = fin * section * self.depth / (0.5 * self.pair.width)
+        if touching != self.touching:  # films and hold of now at the state of then
+            self.flux, self.touching = hold * self._face(self.left, self.flux), touching
+            self.draw = self.drawn * film / max(self.film, 1e-9) - beside
         known = kept * self.left + self.share * (old * self.draw - young * beside) + (young + old) * self._ends(film)
         known = known - old * self._into(self.flux)
         reply = (self.cosines * (young @ self.foot)[:, None]) @ self.back + self.under * np.eye(ALONG)
@@ -72,6 +76,7 @@ class Wall:
             drawn = film * (section - (known - held).sum(axis=0)) / (1.0 + answer)
             state = known - held + self.share * young * drawn
         self.t, self.left, self.flux, self.draw = t, state, flux, drawn - beside
+        self.film, self.drawn = film, drawn
         total = state.sum(axis=0) + self.beyond * drawn
         return self.seen[0] @ total.T @ self.seen[1].T - self._shallow(flux)
 
@@ -79,8 +84,8 @@ class Wall:
         """By how much (y, x) K the road behind is cooler, x (m) behind the leading edge and y (m) from the middle: the
         contact passes on so much less beside the walls, and the road's surface remembers it as a half-space does."""
         p = self.pair
-        off = 0.5 * p.width - np.minimum(np.abs(y), 0.5 * p.width)
-        across = np.cos(np.outer(off, np.pi * np.arange(ACROSS + 1) / (0.5 * p.width))) @ self.flux
+        off = np.minimum(0.5 * p.width - np.minimum(np.abs(y), 0.5 * p.width), self.depth)
+        across = np.cos(np.outer(off, np.pi * np.arange(ACROSS + 1) / self.depth)) @ self.flux
         edges = np.linspace(0.0, p.length, ALONG + 1)
         root = np.sqrt(np.maximum(np.asarray(x)[:, None] - edges, 0.0))
         return across @ (2.0 * (root[:, :-1] - root[:, 1:]) / (p.road_effusivity * np.sqrt(np.pi * speed))).T

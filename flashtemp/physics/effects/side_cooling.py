@@ -1,9 +1,9 @@
-"""Air dragged past the block cools its walls beyond what convection does, the faster the more: h = gain v^0.8.
+"""Air dragged past the block cools its walls beyond what convection does, the faster the more: h = gain v^n.
 
 >>> from types import SimpleNamespace as N
 >>> films = list(SideCooling().heat(None, None))
->>> films[0].law(N(speed=1.0), N(gain=10.0))
-10.0
+>>> films[0].law(N(speed=0.25), N(gain=10.0, exponent=0.5))
+5.0
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ class SideCooling(Effect):
     """Forced convection on the walls; in 2D the two side walls act as a fin over the width."""
 
     cause = "the block's walls lose heat to the air stream"
-    source = "turbulent flat plate, Nu ~ Re^0.8"
+    source = "flat plate, Nu ~ Re^0.8 where turbulent, Re^0.5 where laminar (Re < 5e5 on a smooth one)"
     tells = ("grows with speed", "covers the whole wall", "nothing at rest")
 
-    gain = Param(20.0, "W/m2K/(m/s)^0.8", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
+    gain = Param(20.0, "W/m2K", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
+    exponent = Param(0.8, "1", "exponent n of the speed", low=0.0, high=1.5, spread=1.3)
 
     def heat(self, scene, p):
         """Films on leading and trailing wall and on the side walls."""
 
         def film(now, p):
-            return p.gain * now.speed**0.8
+            return p.gain * now.speed**p.exponent
 
         for site in ("block.leading", "block.trailing", "block.sides"):
             yield Heat.film(site, film)

@@ -124,6 +124,10 @@ KINDS = {
     "air that warms": {"effects": ["ambient_drift"], "ambient_drift.rate": 0.05},
     "films that come and go": {"effects": ["side_cooling"], "side_cooling.gain": 100.0},
     "walls that radiate": {"effects": ["radiation"], "ambient.convection": 15.0},
+    "rubber that conducts more where it is warm": {
+        "effects": ["conductivity_slope", "conductivity_anisotropy"], "conductivity_slope.block": 0.006,
+        "conductivity_anisotropy.excess": 1.0,
+    },
 }  # fmt: skip
 
 

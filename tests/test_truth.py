@@ -107,6 +107,13 @@ def test_an_effect_in_both_compares_as_nothing_hidden_does(tmp_path, effect):
     check_agrees(tmp_path, {effect: size}, CALM, 1e-3, f"[{effect}]\n{key} = {size}\n")
 
 
+@pytest.mark.long
+def test_walls_of_a_rubber_that_conducts_more_where_it_is_warm_agree(tmp_path):
+    """0.13 % without Kirchhoff's transformation: 25 W/m2K for a minute, and 25 % more conductivity at the contact."""
+    test = replace(CALM, distance=1.5, repetitions=3, convection=25.0, wait=8.0)
+    check_agrees(tmp_path, {"conductivity_slope": 0.015}, test, 1e-3, "[conductivity_slope]\nblock = 0.015\n")
+
+
 @pytest.mark.parametrize("lag", [pytest.param(0.0, marks=pytest.mark.long), 0.5])
 def test_thermocouples_compare_as_images_do(tmp_path, lag):
     """In a block of another size and kind on another road, four beads, at once and late."""

@@ -77,7 +77,7 @@ class Corner:
     `edges` (x + 1,) in m of cells along the block, `rise` (n, x) in K of the face there, far from the side walls, above
     the air, which has warmed by `air` (n,) K: then all of the block is as much colder.  `hold` (n - 1, x) W/m2K by
     which the contact holds the face, `film` (n - 1,) W/m2K of all walls, `fin` (n - 1,) that part of the side walls'
-    film which the section itself feels, as a whole.
+    film which the section itself feels, as a whole.  Along the block conductivity is `along` times that of the block.
     """
 
     block: Material
@@ -90,6 +90,7 @@ class Corner:
     hold: Array
     film: Array
     fin: Array
+    along: float = 1.0
 
     def lacks(self, z: Array, y: Array, moments: Array, kept: Kept | None = None) -> tuple[Array, Array, Array]:
         """By how much (moments, x, y, z) K the block is cooler `y` (m) off its wall and z (m) above its face than far
@@ -106,7 +107,7 @@ class Corner:
         state = np.zeros((places, ACROSS + 1, UP))  # (x, modes across, up), last the block without side walls
         seen = {0: (np.zeros((places, len(y), len(z))), np.zeros((places, len(z))), np.zeros(places))}
         k, D = self.block.conductivity, self.block.diffusivity
-        alike = np.array([k, D, self.width, across.depth, up.depth, *self.edges]).tobytes()
+        alike = np.array([k, D, self.along, self.width, across.depth, up.depth, *self.edges]).tobytes()
         faces: dict[bytes, tuple[Array, Array]] = {}
         for i, dt in enumerate(np.diff(self.times)):
             wall = walls[self.film[i]]
@@ -144,13 +145,13 @@ class Corner:
 
     def _along(self, film: float) -> Callable[[float], Array]:
         """What a time (s) makes of temperatures (x,) in cells along the block, whose ends a film (W/m2K) cools."""
-        k, size = self.block.conductivity, np.diff(self.edges)
+        k, size = self.along * self.block.conductivity, np.diff(self.edges)
         between = 2.0 * k / (size[1:] + size[:-1])
         end = 1.0 / (0.5 * size[[0, -1]] / k + 1.0 / max(film, SLOW))
         out = np.concatenate([end[:1], between]) + np.concatenate([between, end[1:]])
         root = np.sqrt(size)
         stiff = (np.diag(out) - np.diag(between, 1) - np.diag(between, -1)) / np.outer(root, root)
-        rates, vectors = np.linalg.eigh(self.block.diffusivity / k * stiff)
+        rates, vectors = np.linalg.eigh(stiff / self.block.volumetric_capacity)
         return lambda dt: (vectors / root[:, None] * np.exp(-rates * dt)) @ (vectors.T * root)
 
 

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from flashtemp.camera.corner import Corner
 from flashtemp.camera.hold import FIRMEST, firmness
+from flashtemp.camera.kirchhoff import Kirchhoff
 from flashtemp.camera.pixels import Kept
 from flashtemp.model.laws import Laws
 from flashtemp.model.scene import Moment, Scene
@@ -72,9 +73,9 @@ def wall_rise(scene: Scene, films: Films, z, times, section, face: Face, kept: K
         along = CubicSpline(0.5 * (first[1:] + first[:-1]), np.stack([lack, own]), axis=2)
         lack, own = along(np.arange(first[-1]) + 0.5)
     # the corner's section is nearly this one: what it lacks, as a share where it is warm
-    faint = (CLOSE * np.abs(own).max(axis=(1, 2), keepdims=True) + TINY) ** 2
-    warm = section - corner.air[moments][:, None, None]
-    return section - lack * (warm * own + faint) / (own**2 + faint)
+    faint, conduction = (CLOSE * np.abs(own).max(axis=(1, 2), keepdims=True) + TINY) ** 2, Kirchhoff.of(scene)
+    warm = conduction.theta(section) - corner.air[moments][:, None, None]
+    return conduction.rise(section, lack * (warm * own + faint) / (own**2 + faint))
 
 
 def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np.ndarray]:
@@ -87,11 +88,13 @@ def corner_of(scene: Scene, films: Films, times, face: Face) -> tuple[Corner, np
     mid = 0.5 * (moments[1:] + moments[:-1])
     since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.hold) - 1)
     edges, mean = means(scene)
-    air = np.interp(moments, *films.air)
-    rise = between(face.rise @ mean, face.times, moments) - air[:, None]
+    air, conduction = np.interp(moments, *films.air), Kirchhoff.of(scene)
+    rise = between(face.rise @ mean, face.times, moments)
+    block, felt = conduction.mean(rise, moments)
+    hold = (face.hold @ mean)[since] / conduction.factor(0.5 * (rise[1:] + rise[:-1]))
     corner = Corner(
-        scene.block, scene.width, scene.height, edges, moments, rise, air, (face.hold @ mean)[since],
-        films.at(mid, films.wall), films.at(mid, films.section),
+        block, scene.width, scene.height, edges, moments, conduction.theta(rise) - air[:, None], air, hold,
+        felt * films.at(mid, films.wall), felt * films.at(mid, films.section), conduction.along,
     )  # fmt: skip
     return corner, np.searchsorted(moments, np.clip(times, moments[0], reach))
 

@@ -221,7 +221,8 @@ def live(world, asked):
         if r < test.repetitions:
             moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
             t += test.wait
-    wall = Wall(p, firmness(p, world.fraction, world.speed, shape, Wall.places(p)), world.convection, t)
+    held = firmness(p, world.fraction, world.speed, shape, Wall.places(p))
+    wall = Wall(p, held, world.convection, t, h("conductivity_slope"))
     wakes, lacks, beside = {m.t: m.wake[0] + p.length for m in moments if m.sliding and m.looked}, {}, {}
     for t, *now in history:
         lacks[t] = wall.step(t, *now)

@@ -17,8 +17,12 @@ HEIGHTS, SWEEPS = 160, 4
 class Wall:
     """What a block's wall lacks against its section, from t = 0 on: sizes of the cosines (across, along, up)."""
 
-    def __init__(self, pair, held, free, end):
-        """`held` (places,) and `free` (W/m2K): what leaves the face for every kelvin that it is warmer, until `end` (s)."""
+    def __init__(self, pair, held, free, end, slope=0.0):
+        """`held` (places,) and `free` (W/m2K): what leaves the face for every kelvin that it is warmer, until `end` (s).
+
+        `slope` (1/K) of the block's conductivity.
+        """
+        self.slope, self.bent = slope, 0.0
         self.depth = min(0.5 * pair.width, FAR * np.sqrt(pair.k / pair.rc * end))
         self.pair, self.hold = pair, {True: held, False: np.full(ALONG, free)}
         places, (z, _) = self.places(pair), self.grid(pair)
@@ -65,7 +69,7 @@ class Wall:
             self.flux, self.touching = hold * self._face(self.left, self.flux), touching
             self.draw = self.drawn * film / max(self.film, 1e-9) - beside
         known = kept * self.left + self.share * (old * self.draw - young * beside) + (young + old) * self._ends(film)
-        known = known - old * self._into(self.flux)
+        known = known - old * self._into(self.flux) - (young + old) * self.rate * self.bent
         reply = (self.cosines * (young @ self.foot)[:, None]) @ self.back + self.under * np.eye(ALONG)
         reply = np.eye(ALONG) + reply * hold
         answer = film * ((self.share * young).sum(axis=0) + self.beyond)
@@ -77,8 +81,19 @@ class Wall:
             state = known - held + self.share * young * drawn
         self.t, self.left, self.flux, self.draw = t, state, flux, drawn - beside
         self.film, self.drawn = film, drawn
+        if self.slope:
+            self.bent = self._bent(amplitude)
         total = state.sum(axis=0) + self.beyond * drawn
         return self.seen[0] @ total.T @ self.seen[1].T - self._shallow(flux)
+
+    def _bent(self, amplitude):
+        """Sizes of what conduction in a warm block adds to what lacks: (k/k0 - 1) of it, less the half of its square."""
+        p, turns = self.pair, [np.cos(np.pi * np.outer(np.arange(n) + 0.5, np.arange(n)) / n) for n in self.left.shape]
+        back = [turn.T * np.where(np.arange(len(turn)) > 0, 2.0, 1.0)[:, None] / len(turn) for turn in turns]
+        z = (np.arange(UP + 1) + 0.5) * p.height / (UP + 1)
+        section = p.along(self.places(p)) @ amplitude @ p.above(z).T
+        lack = np.einsum("ya,xn,zu,anu->yxz", *turns, self.left, optimize=True)
+        return np.einsum("ay,nx,uz,yxz->anu", *back, self.slope * (section - 0.5 * lack) * lack, optimize=True)
 
     def missing(self, speed, x, y):
         """By how much (y, x) K the road behind is cooler, x (m) behind the leading edge and y (m) from the middle: the

@@ -1,0 +1,65 @@
+"""Kirchhoff's transformation of a block's rise, of which the heat equation is linear where conductivity is a law of T.
+
+theta is the integral of k/k0 over the rise: flux is -k0 grad theta, and diffusivity alone still follows temperature.
+It is taken at a mean rise, as is the share of a film that theta feels (Carslaw & Jaeger 1959, 1.6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.model.laws import Laws
+from flashtemp.model.scene import Moment, Scene
+from flashtemp.physics.arrays import Array
+from flashtemp.physics.material import Material
+
+MEAN = 0.7  # of the face's mean rise: what lies behind a wall that cools is less warm
+NODES, WEIGHTS = (part / 2.0 for part in np.polynomial.legendre.leggauss(3))
+NODES = NODES + 0.5
+
+
+@dataclass(frozen=True)
+class Kirchhoff:
+    """What a scene says of the conduction in its block, by rises (...) in K above the air at the start."""
+
+    scene: Scene
+    laws: Laws
+    now: Moment
+
+    @classmethod
+    def of(cls, scene: Scene) -> Kirchhoff:
+        first = scene.schedule.phases[0]
+        return cls(scene, Laws(scene), scene.moment(first, first.begin))
+
+    def factor(self, rise: Array) -> Array:
+        """k/k0 (...) where it is as warm."""
+        if not self.laws.has("block.conductivity"):
+            return np.ones_like(rise)
+        return self.laws("block.conductivity", 1.0, self.now.ambient + rise, self.now) * np.ones_like(rise)
+
+    @property
+    def along(self) -> float:
+        """k along x over k."""
+        return float(self.laws("block.conductivity_along", 1.0, None, None))
+
+    def theta(self, rise: Array) -> Array:
+        """theta (...) in K of rises."""
+        if not self.laws.has("block.conductivity"):
+            return rise
+        out: Array = rise * sum(w * self.factor(at * rise) for at, w in zip(NODES, WEIGHTS, strict=True))
+        return out
+
+    def rise(self, warmer: Array, theta: Array) -> Array:
+        """The rise (...) in K of what has a smaller theta (...) by as much than what is `warmer`."""
+        return warmer - theta / self.factor(warmer - 0.5 * theta)
+
+    def mean(self, rise: Array, times: Array) -> tuple[Material, float]:
+        """A block of one diffusivity, and the share of a film that theta feels; a face's `rise` (n, x) K at `times`."""
+        passed = np.trapezoid(rise.mean(axis=1), times) / (times[-1] - times[0])
+        level, block = np.array(MEAN * passed), self.scene.block
+        gradient = np.mean(self.laws("block.capacity_gradient", 0.0, None, None))
+        share = level / self.theta(level) if level else 1.0
+        more = float((1.0 + gradient * level) / self.factor(level))
+        return replace(block, heat_capacity=block.heat_capacity * more), float(share)

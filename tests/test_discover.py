@@ -26,7 +26,7 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import calibration, discover, prediction, whitening, wording
+from flashtemp.discovery import calibration, discover, mesh_errors, prediction, whitening, wording
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
@@ -371,7 +371,7 @@ def test_a_mesh_that_keeps_a_fit_from_its_end_is_told(pull, hopeless, told):
     fit = SimpleNamespace(solution=Solution({mesh: -pull * GROUPS[Kind.MESH]}), priors=priors, hopeless=hopeless)
     names, case = frozenset({"track_memory"}), {"numerics.mesh": 0.5}
     search = SimpleNamespace(open_ends={names: 99.0}, fits={names: fit}, problem=SimpleNamespace(case=case))
-    said = discover._coarse(search)
+    said = mesh_errors.ends(search)
     assert len(said) == told
     assert not told or said[0].startswith("numerics.mesh = 0.5 may be too coarse: a fit of track_memory")
     assert not told or said[0].endswith("try 1")

@@ -18,7 +18,7 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import discover, laboratory, orientation, prediction, searched
+from flashtemp.discovery import discover, laboratory, mesh_errors, orientation, prediction, searched
 from flashtemp.discovery.calibration import BACK, TRIES, VAIN, Descent
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import Model, candidates
@@ -659,3 +659,16 @@ def test_a_campaign_that_3d_made_needs_nothing_in_2d(tmp_path):
     pulls = {p.name: p for p in found.nuisance}
     for key, factor in true.items():
         assert abs(pulls[key].value - factor * load(believed)[key]) < 4.0 * pulls[key].stderr, (pulls[key], factor)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("across", "first", "told"), [(8, 5e-4, True), (40, 5e-5, False)])
+def test_walls_that_3d_hardly_resolves_are_told(tmp_path, across, first, told):
+    """Judged by themselves such data need nothing; those of a real wall drag every fit for ten minutes."""
+    (tmp_path / "case.toml").write_text("")
+    world = TINY | {"ambient.convection": 20.0, "numerics.across": across, "numerics.first_y": first}
+    made = twin(load(tmp_path / "case.toml", world), Plan((), 61, 1, ("sidewall",), 4), tmp_path / "lab")
+    believed = calibrate(prepare(campaign.load(made), lambda tasks: [prediction.predict(t) for t in tasks]))
+    said = mesh_errors.across(believed.data, believed.base)
+    assert len(said) == told, said
+    assert not told or said[0].startswith("numerics.across = 8 with a first of 0.5 mm may be too coarse: half as many")

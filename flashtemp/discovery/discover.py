@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.comparison.campaign import Campaign, View
-from flashtemp.discovery import adequacy, assessment, experiment_design, missing_heat, wording
+from flashtemp.discovery import adequacy, assessment, experiment_design, mesh_errors, missing_heat, wording
 from flashtemp.discovery.assessment import HELD, Assessed
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.fit import ENOUGH, Fit
@@ -21,7 +21,7 @@ from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn
 from flashtemp.discovery.linear_gaussian import residual
 from flashtemp.discovery.nuisances import GROUPS
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
 from flashtemp.discovery.rounds import Watch
@@ -49,7 +49,10 @@ def discover(
     """Everything: calibrate, search, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _timed(watch)
     with crew(predict, workers, scheduler) as run:
-        found = explore(calibrate(prepare(campaign, run), watch), watch)
+        believed = calibrate(prepare(campaign, run), watch)
+        for told in mesh_errors.across(believed.data, believed.base):
+            watch(told)
+        found = explore(believed, watch)
         search = found if adequacy.beyond_doubt(found.best) else _certain(found, watch)
         watch("judging")
         verdict = _verdict(search)
@@ -296,24 +299,7 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
         out += _strange(final, view)
     if len(search.problem.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
-    return (*out, *_coarse(search))
-
-
-def _coarse(search: Search) -> list[str]:
-    """That no full fit came to an end since the mesh errs by more than columns of coarser ones can tell."""
-    errs = []
-    for names in search.open_ends.keys() & search.fits.keys():
-        if not (fit := search.fits[names]).hopeless:
-            far = (abs(v) for p, v in adequacy.pulls(fit).items() if p.kind is Kind.MESH)
-            errs.append((max(far, default=0.0), " with ".join(sorted(names))))
-    worst, cause = max(errs, default=(0.0, ""))
-    if worst < adequacy.PULL:
-        return []
-    mesh = search.problem.case["numerics.mesh"]
-    return [
-        f"numerics.mesh = {mesh:g} may be too coarse: a fit of {cause} that came to no end has it err by {worst:.2g} "
-        f"standard deviations; try {2 * mesh:g}"
-    ]
+    return (*out, *mesh_errors.across(search.data, search.base), *mesh_errors.ends(search))
 
 
 def _strange(fit: Fit, view: View) -> list[str]:

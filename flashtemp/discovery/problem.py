@@ -59,13 +59,22 @@ class Problem:
     untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
-        """One task per condition; `coarse` (3,) multiplies the number of cells along, up and down."""
+        """One task per condition; `coarse` (3,) or (4,) multiplies the number of cells along, up, down and across."""
         out = []
         for c, pins in zip(self.conditions, self.pins, strict=True):
             if coarse:
-                finer = zip(coarse, self.case["numerics.finer"], strict=True)
-                pins = pins | {"numerics.finer": [max(LEAST, k * f) for k, f in finer]}
+                pins = pins | self._coarser(*coarse)
             out.append(Task(self.case, c.given, pins, model, c.views, c.forces, derivatives))
+        return out
+
+    def _coarser(self, along: float, up: float, down: float, across: float = 1.0) -> dict[str, Any]:
+        """Keys of a mesh that has so many times the cells."""
+        finer = zip((along, up, down), self.case["numerics.finer"], strict=True)
+        out: dict[str, Any] = {"numerics.finer": [max(LEAST, k * f) for k, f in finer]}
+        if across < 1.0:
+            out["numerics.across"] = max(2, round(across * self.case["numerics.across"]))
+            if first := self.case["numerics.first_y"]:
+                out["numerics.first_y"] = first / across
         return out
 
     def predictions(self, tasks: list[Task]) -> list[Prediction]:

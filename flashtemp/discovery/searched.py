@@ -35,6 +35,7 @@ LONGER = 0.02  # share of the length by which the first looks take the block lon
 LENGTHS = (0.5, 1.5, 2.0)  # times that: the further looks on the side that fits better
 STRAINED = {Kind.SHIFT_U: 3.0, Kind.SHIFT_V: 3.0, Kind.SIZE: 0.8}  # standard deviations by which a first look moves it
 COARSE = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))  # cells of runs that tell what the mesh gets wrong
+ACROSS = (1, 1, 1, 0.5)  # and in 3D
 Ranking = tuple[Score, ...]
 
 
@@ -132,7 +133,8 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         first = problem.predictions(problem.tasks(problem.start, everything(problem)))
     problem, first = lined_up(problem, first)
     model = problem.start
-    tasks = [task for c in COARSE for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
+    coarser = (*COARSE, ACROSS) if problem.case["numerics.across"] > 1 else COARSE
+    tasks = [task for c in coarser for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
     answers, count = problem.predictions(tasks), len(problem.conditions)
     coarse = [answers[k : k + count] for k in range(0, len(answers), count)]
     data = Data.begin(problem, first, coarse)

@@ -50,12 +50,20 @@ def mirrored(recording: Recording, length: float) -> Recording:
     return replace(recording, temperature=T, u=np.ascontiguousarray((about - recording.u)[::-1]))
 
 
-def turned_round(problem: Problem, data: Data, first: Sequence[Prediction]) -> tuple[Turned, ...]:
+def in_doubt(problem: Problem, first: Sequence[Prediction]) -> bool:
+    """Whether any recording, by the first predictions, may as well be mirrored."""
+    shown = {file: o for made in first for file, o in made.observables.items()}
+    images = (v for v in problem.campaign.views if v.recording.places is None)
+    return any(_may_be_so(problem, v, shown[v.file]) for v in images)
+
+
+def turned_round(problem: Problem, data: Data, first: Sequence[Prediction], odd: float = ODD) -> tuple[Turned, ...]:
     """Recordings that are clearly mirrored, by the first predictions and others of the images turned round; and those
-    of the same views that rather are than not."""
+    of the same views that rather are than not.  Tried are those of which alone more than `odd` standard errors are
+    left over."""
     shown = {file: o for made in first for file, o in made.observables.items()}
     images = list(by_themselves(problem, data, first))
-    suspects = [(a, v) for a, v in images if a.left_over > ODD and _may_be_so(problem, v, shown[v.file])]
+    suspects = [(a, v) for a, v in images if a.left_over > odd and _may_be_so(problem, v, shown[v.file])]
     ways = _both_ways(problem, data, suspects)
     views = {w.view.recording.view for w in ways if w.sure}
     asked = {w.view.file for w in ways}

@@ -15,9 +15,9 @@ from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError
 from flashtemp.discovery.lining_up import lined_up
 from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.orientation import Turned, turned_round, with_views
+from flashtemp.discovery.orientation import ODD, Turned, in_doubt, turned_round, with_views
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Derivatives
+from flashtemp.discovery.prediction import Derivatives, Prediction
 from flashtemp.discovery.problem import Problem, strangers, without
 from flashtemp.discovery.rounds import FAR, Watch, advance, descend
 from flashtemp.discovery.scores import Score
@@ -119,38 +119,64 @@ def held(problem: Problem, model: Model) -> list[Candidate]:
 
 # --- calibration -------------------------------------------------------------------------------------
 def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
-    """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure."""
+    """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure.
+
+    Images that may be mirrored and leave nothing over by themselves are turned round where they do so together.
+    """
     watch("calibrating the model that is believed")
-    first = problem.predictions(problem.tasks(problem.start, everything(problem)))
+    first = _first(problem)
     refused = strangers(problem, first)
     if refused:
         problem, (first,) = without(problem, [first], refused)
         if not problem.campaign.views:  # load cells alone would find nothing wrong
             raise BadInput(*(f"{file}: {why}" for file, why in refused.items()))
     mirrored = turned_round(problem, Data.begin(problem, first), first)
+    doubt = not mirrored and in_doubt(problem, first)
     if mirrored:
         problem = with_views(problem, [m.view for m in mirrored])
-        first = problem.predictions(problem.tasks(problem.start, everything(problem)))
-    problem, first = lined_up(problem, first)
-    model = problem.start
-    coarser = (*COARSE, ACROSS) if problem.case["numerics.across"] > 1 else COARSE
-    tasks = [task for c in coarser for task in problem.tasks(model, Derivatives(), c)]  # at once: for all workers
+        first = _first(problem)
+    while True:
+        found, first = lined_up(problem, first)
+        data = Data.begin(found, first, _coarser(found))
+        begun = Descent(found, data, found.start).take(first)
+        del first  # columns of all pixels
+        fit = _best_point(begun, watch)
+        turned = doubt and max(fit.excess.values()) > ODD
+        if turned:
+            first, doubt = _first(problem), False
+            mirrored = turned_round(problem, Data.begin(problem, first), first, -np.inf)
+        if not (turned and mirrored):
+            return Calibrated(found, data, fit, refused, mirrored)
+        problem = with_views(problem, [m.view for m in mirrored])
+        first = _first(problem)
+
+
+def _first(problem: Problem) -> list[Prediction]:
+    """Predictions of the case as it is believed, with traces of all nuisances."""
+    return problem.predictions(problem.tasks(problem.start, everything(problem)))
+
+
+def _coarser(problem: Problem) -> list[list[Prediction]]:
+    """Predictions of the same on coarser meshes."""
+    cells = (*COARSE, ACROSS) if problem.case["numerics.across"] > 1 else COARSE
+    tasks = [task for c in cells for task in problem.tasks(problem.start, Derivatives(), c)]  # at once: for all workers
     answers, count = problem.predictions(tasks), len(problem.conditions)
-    coarse = [answers[k : k + count] for k in range(0, len(answers), count)]
-    data = Data.begin(problem, first, coarse)
-    begun = Descent(problem, data, model).take(first)
-    del first, coarse, answers  # columns of all pixels
+    return [answers[k : k + count] for k in range(0, len(answers), count)]
+
+
+def _best_point(begun: Descent, watch: Watch) -> Fit:
+    """The base model at its best point.  Raises SolverFailure."""
     watch("going to the best point of it")
     looked = _astray(begun)
     if looked:
         begun = _by_length(begun)
-    [end] = descend(problem, [begun], watch, HOPELESS)
+    [end] = descend(begun.problem, [begun], watch, HOPELESS)
     if end.fit is None:
         raise SolverFailure(end.failed)
     if not looked and _bent(end.fit):
         end = _other_length(end, watch)
     assert end.fit is not None
-    return Calibrated(problem, data, end.fit, refused, mirrored)
+    return end.fit
 
 
 def _by_length(begun: Descent) -> Descent:

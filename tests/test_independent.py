@@ -70,6 +70,7 @@ WORLDS = {  # seeds with a block, a road, a schedule and cameras of their own, a
     20018: "none_needed",  # 48 mm long, a wall turned by half a degree: conductivity_slope was named
     20052: "laboratory",  # mirrored, faint: two causes and a bent pressure came near enough, yet not quite
     20063: "laboratory",  # one clear mirrored wall, two faint ones that went astray
+    20101: "laboratory",  # two mirrored walls of a block of 12 mm, each explained well enough by itself
 }
 
 

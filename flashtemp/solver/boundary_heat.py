@@ -45,12 +45,18 @@ class BoundaryHeat:
         self._check()
 
     def _check(self) -> None:
-        """Raise BadInput for a film that is not one number."""
+        """Raise BadInput for a film that is not one number, or holds the whole section of a block in 2D."""
         start = self.scene.moment(self.scene.schedule.phases[0], 0.0)
         for site, entries in self.laws.films.items():
             for part, p, name in entries:
                 far = start.ambient if part.far is None else part.far(start, p)
-                if np.ndim(part.law(start, p)) or np.ndim(far):
+                film = part.law(start, p)
+                if site == "block.sides" and not self.scene.resolved and np.any(np.isinf(film)):
+                    raise BadInput(
+                        f"effect '{name}': its film on {site} is inf, which would hold the whole section in 2D; give a "
+                        "number of W/m2K, or numerics.across > 1"
+                    )
+                if np.ndim(film) or np.ndim(far):
                     raise BadInput(
                         f"effect '{name}': its film on {site} is an array; a film is one number for the whole site, "
                         "take Heat.patch for what differs from place to place"

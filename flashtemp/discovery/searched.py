@@ -121,7 +121,7 @@ def held(problem: Problem, model: Model) -> list[Candidate]:
 def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
     """The base model at its best point, with traces of all nuisances.  Raises BadInput, SolverFailure.
 
-    Images that may be mirrored and leave nothing over by themselves are turned round where they do so together.
+    Images that may be mirrored and leave nothing over by themselves are turned round where all leave a little over.
     """
     watch("calibrating the model that is believed")
     first = _first(problem)
@@ -141,7 +141,7 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         begun = Descent(found, data, found.start).take(first)
         del first  # columns of all pixels
         fit = _best_point(begun, watch)
-        turned = doubt and max(fit.excess.values()) > ODD
+        turned = doubt and not fit.hopeless and max(fit.excess.values()) > ODD
         if turned:
             first, doubt = _first(problem), False
             mirrored = turned_round(problem, Data.begin(problem, first), first, -np.inf)

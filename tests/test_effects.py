@@ -259,3 +259,10 @@ def test_engine_names_no_effect(file):
     words = set(re.findall(r"\w+", file.read_text())) & set(OPTIONAL)
     words -= {word for word, homes in WORDS.items() if any(where.startswith(home) for home in homes)}
     assert words == NAMED.get(where, set())
+
+
+def test_a_stream_cools_nothing_at_rest_whatever_its_exponent():
+    """0^0 is 1: an exponent of 0 would be a film that never rests."""
+    exponent = catalogue()["side_cooling"].params()["exponent"]
+    assert exponent.fault(0.0) is not None
+    assert exponent.fault(1e-3) is None

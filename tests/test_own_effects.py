@@ -225,13 +225,14 @@ def test_a_law_that_gives_no_number_is_named(tmp_path, capsys):
 def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
     law = DUST.replace("Effect, Factor, Param", "Effect, Heat, Param").replace(
         'Factor("friction.mu", lambda T, now, p: 1.0 - p.rate * now.slid)',
-        'Heat.film("block.sides", lambda now, p: float("inf") if p.rate else 0.0)',
+        'Heat.film("block.sides", lambda now, p: 0.0 if now.speed else float("inf"))',  # while it waits
     )
     case = written(tmp_path, law)
-    assert main(["run", str(case), "--out", str(tmp_path / "flat")]) == 2
+    words = ["run", str(case), "schedule.repetitions=2", "schedule.wait=1", "--out"]
+    assert main([*words, str(tmp_path / "flat")]) == 2
     assert "its film on block.sides is inf, which would hold the whole section in 2D" in capsys.readouterr().err
     assert not (tmp_path / "flat").exists()
-    assert main(["run", str(case), "--out", str(tmp_path / "wide"), "numerics.across=4"]) == 0
+    assert main([*words, str(tmp_path / "wide"), "numerics.across=4"]) == 0
 
 
 def test_two_files_of_one_name(tmp_path, capsys):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from flashtemp.discovery import adequacy
@@ -39,11 +37,11 @@ def across(data: Data, fit: Fit) -> list[str]:
 
 def ends(search: Search) -> list[str]:
     """That no full fit came to an end since the mesh errs by more than columns of coarser ones can tell."""
-    errs: list[Any] = []
+    errs: list[tuple[float, str]] = []
     for names in search.open_ends.keys() & search.fits.keys():
         if not (fit := search.fits[names]).hopeless:
             far = (abs(v) for p, v in adequacy.pulls(fit).items() if p.kind is Kind.MESH)
-            errs.append((max(far, default=0.0), " with ".join(sorted(names))))
+            errs.append((float(max(far, default=0.0)), " with ".join(sorted(names))))
     worst, cause = max(errs, default=(0.0, ""))
     if worst < adequacy.PULL:
         return []

@@ -50,8 +50,9 @@ class BoundaryHeat:
         for site, entries in self.laws.films.items():
             for part, p, name in entries:
                 far = start.ambient if part.far is None else part.far(start, p)
-                film = part.law(start, p)
-                if site == "block.sides" and not self.scene.resolved and np.any(np.isinf(film)):
+                film, phases = part.law(start, p), self.scene.schedule.phases
+                whole = site == "block.sides" and not self.scene.resolved
+                if whole and any(np.any(np.isinf(part.law(self.scene.moment(f, f.begin), p))) for f in phases):
                     raise BadInput(
                         f"effect '{name}': its film on {site} is inf, which would hold the whole section in 2D; give a "
                         "number of W/m2K, or numerics.across > 1"

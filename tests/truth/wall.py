@@ -7,6 +7,8 @@ face is cooler.  Cosines that are too short to matter follow at once; they reach
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 ALONG, UP, ACROSS = 16, 40, 64
@@ -86,12 +88,18 @@ class Wall:
         total = state.sum(axis=0) + self.beyond * drawn
         return self.seen[0] @ total.T @ self.seen[1].T - self._shallow(flux)
 
-    def _bent(self, amplitude):
-        """Sizes of what conduction in a warm block adds to what lacks: (k/k0 - 1) of it, less the half of its square."""
+    @cached_property
+    def _grids(self):
+        """Cosines at as many places as they are, across, along and up; the way back; the section's modes there."""
         p, turns = self.pair, [np.cos(np.pi * np.outer(np.arange(n) + 0.5, np.arange(n)) / n) for n in self.left.shape]
         back = [turn.T * np.where(np.arange(len(turn)) > 0, 2.0, 1.0)[:, None] / len(turn) for turn in turns]
         z = (np.arange(UP + 1) + 0.5) * p.height / (UP + 1)
-        section = p.along(self.places(p)) @ amplitude @ p.above(z).T
+        return turns, back, (p.along(self.places(p)), p.above(z).T)
+
+    def _bent(self, amplitude):
+        """Sizes of what conduction in a warm block adds to what lacks: (k/k0 - 1) of it, less the half of its square."""
+        turns, back, (along, above) = self._grids
+        section = along @ amplitude @ above
         lack = np.einsum("ya,xn,zu,anu->yxz", *turns, self.left, optimize=True)
         return np.einsum("ay,nx,uz,yxz->anu", *back, self.slope * (section - 0.5 * lack) * lack, optimize=True)
 

@@ -19,7 +19,7 @@ class SideCooling(Effect):
     tells = ("grows with speed", "covers the whole wall", "nothing at rest")
 
     gain = Param(20.0, "W/m2K", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
-    exponent = Param(0.8, "1", "exponent n of the speed", low=0.0, high=1.5, spread=1.3)
+    exponent = Param(0.8, "1", "exponent n of the speed", low=0.0, high=1.5, open_low=True, spread=1.3)
 
     def heat(self, scene, p):
         """Films on leading and trailing wall and on the side walls."""

@@ -31,7 +31,7 @@ TOWER = [  # from the ground; a package imports itself and what stands before it
 ]
 FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
 MOST = 15  # entries at the top of flashtemp/
-LONGEST = 350  # lines of a module
+LONGEST = 500  # lines of a module
 SCREEN = 60  # lines of a function; its complexity is linted
 
 

@@ -1,0 +1,85 @@
+"""Bayes factors of candidates against the density of the data, written out as one multivariate normal distribution."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.hypothesis import Candidate
+from flashtemp.discovery.linear_gaussian import Block, System
+from flashtemp.discovery.parameters import ParameterId
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.scores import scores
+from flashtemp.physics.effect import Param
+
+MU = ParameterId.of_key("friction.mu")
+PRIOR_MU = (0.0, 0.3)
+TYPICAL = 0.5  # amplitude of the candidate's strength, and the standard deviation of its prior
+COUNT = 60  # data, each with unit noise
+
+
+def candidate(low: float, spread: float) -> Candidate:
+    """An effect of one strength, off at 0, and one shape: with a spread above 1 it has three variants."""
+    strength = Param(TYPICAL, "1", "strength", low=low, high=2.0, off=0.0)
+    shape = Param(0.002, "m", "length", low=1e-4, high=0.1, spread=spread)
+    return Candidate("peak", {"B": strength, "length": shape}, {"B": TYPICAL}, {"length": 0.002}, optical=False)
+
+
+def signatures(variants: int) -> np.ndarray:
+    """Sensitivities (COUNT, 1 + variants) to the friction and to the strength in every variant."""
+    x = np.linspace(0.0, 1.0, COUNT)
+    return 8.0 * np.column_stack([np.ones(COUNT), *(np.exp(-x / width) for width in (0.2, 0.05, 0.6)[:variants])])
+
+
+def score(c: Candidate, amplitude: float):
+    """Score of a candidate whose second (or only) variant made the data, and ln density without and with it."""
+    variants = len(c.variants)
+    F = signatures(variants)
+    made = min(1, variants - 1)
+    r = amplitude * F[:, 1 + made] + np.random.default_rng(3).normal(size=COUNT)
+    names = [MU, *(c.column("B", v) for v in range(variants))]
+    none = np.zeros((COUNT, 0))
+    block = Block("a", 0, False, r, F, tuple((n, i) for i, n in enumerate(names)), none, np.zeros((0, 0)))
+    system = System([block])
+
+    def solved(problem, more, equations=None):
+        return SimpleNamespace(solution=system.solve({MU: PRIOR_MU} | more, equations))
+
+    fit = SimpleNamespace(
+        system=system, nuisances={MU: PRIOR_MU}, effects={}, bound=(), model=SimpleNamespace(effects={}), solved=solved
+    )
+    [found] = scores(cast("Problem", SimpleNamespace(free=())), cast("Fit", fit), [c])
+
+    def density(columns, sd):
+        A = F[:, columns] * np.asarray(sd)
+        return multivariate_normal(np.zeros(COUNT), np.eye(COUNT) + A @ A.T).logpdf(r)
+
+    with_it = density([0, 1 + made], [PRIOR_MU[1], TYPICAL])
+    return found, with_it - density([0], [PRIOR_MU[1]])
+
+
+def test_ln_bayes_of_a_candidate_is_the_ratio_of_the_densities():
+    found, ratio = score(candidate(low=-2.0, spread=1.0), 0.4)
+    assert ratio > 10.0
+    assert found.ln_bayes == pytest.approx(ratio, rel=1e-9)
+
+
+def test_each_variant_of_a_candidate_has_its_part_of_the_prior():
+    """The best of three shapes counts a third: ln 3 less than had it been the only one."""
+    found, ratio = score(candidate(low=-2.0, spread=2.0), 0.4)
+    assert found.variant == 1
+    assert found.ln_bayes == pytest.approx(ratio - np.log(3.0), rel=1e-9)
+
+
+def test_an_amplitude_that_cannot_be_is_no_evidence():
+    """A strength of at least 0 that would have to be -0.4 explains nothing, however much the data would gain."""
+    found, ratio = score(candidate(low=0.0, spread=1.0), -0.4)
+    assert ratio > 10.0
+    assert found.amplitude[0] < -0.3
+    assert found.reason == "would need B below what is possible"
+    assert found.ln_bayes <= 0.0

@@ -288,7 +288,7 @@ def test_only_who_has_the_token_gets_in(server):
     base, _, token = server.partition("/?token=")
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+", base)
     assert asked(base + "/")[0] == 403
-    assert asked(f"{base}/?token={token[:-1]}x")[0] == 403
+    assert asked(f"{base}/?token={token[:-1]}{'y' if token[-1] == 'x' else 'x'}")[0] == 403
     assert asked(f"{base}/files/case.toml")[0] == 403
     status, headers = asked(f"{base}/case?open=case.toml&token={token}")
     assert (status, headers["location"]) == (303, "/case?open=case.toml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,13 +16,32 @@ from flashtemp.api.camera import import_recording
 from flashtemp.camera.import_options import Facts, load
 from flashtemp.camera.import_request import Request, found
 from flashtemp.camera.importing import Imported
-from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.lab.folder import CAMERA, free_name, inside, listing
+from flashtemp.errors import BadInput
+from flashtemp.lab.folder import CAMERA, escape_control, free_name, inside, listing
 from flashtemp.lab.images import Opened, opened
 from flashtemp.lab.jobs import shown
 from flashtemp.lab.marked_image import MarkedImage
 from flashtemp.lab.marks import onsets
-from flashtemp.lab.shared import command_line, file_address, link, named, told, when_it_fails
+from flashtemp.lab.saving import (
+    MAX_UPLOAD_BYTES,
+    MAX_UPLOAD_FILES,
+    UPLOAD_LIMIT,
+    TextVersion,
+    check_upload_name,
+    read_text,
+    write_text,
+    write_upload,
+)
+from flashtemp.lab.shared import (
+    ask,
+    command_line,
+    escape_lines,
+    file_address,
+    link,
+    refuse_damaged,
+    relative_names,
+    show_errors,
+)
 
 SAID = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
 VIEWS = ("sidewall", "wake", "profile")
@@ -36,6 +56,7 @@ class CameraPage:
         self.names: list[str] = []
         self.starts: list[float] = []
         self.inherited = Facts()
+        self.saved: dict[Path, TextVersion] = {}  # recordings that this page wrote, with their templates
 
     async def show(self, name: str, template: str) -> None:
         """The page for a camera file, a folder of them, or a recording template with its own."""
@@ -45,22 +66,27 @@ class CameraPage:
             like = [str(p) for p in listing(self.folder).templates]
             if name and like:
                 self.like = ui.select(like, label="marked like", on_change=lambda: self._like(name)).classes("w-72")
-            drop = ui.upload(label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._dropped)
-            drop.props(f"accept={','.join(sorted(CAMERA))}").on_rejected(_no_camera_file)
+            drop = ui.upload(
+                label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._store_uploads,
+                max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
+            ).on_rejected(_notify_rejected)  # fmt: skip
+            drop.props["accept"] = ",".join(sorted(CAMERA))
         body = ui.column().classes("w-full")
         with body:
             waiting = ui.spinner(size="lg")
         await ui.context.client.connected()
         seen: Opened | None = None
-        with body, when_it_fails(self.folder):
+        with body, show_errors(self.folder):
             if template:
+                read_text(self.folder, template)  # a short regular file, before it is read in earnest
                 names, _, self.inherited = load(inside(self.folder, template))
                 self.names = [name] if name else [str(Path(template).parent / n) for n in names]
             elif name:
                 self.names = [name]
-            ways = [str(inside(self.folder, n)) for n in self.names]
-            if ways:
-                seen = await run.io_bound(lambda: opened(found(ways), self.inherited))
+            if self.names:
+                files = self._find_files()
+                with refuse_damaged(files[0]):
+                    seen = await run.io_bound(lambda: opened(files, self.inherited))
         waiting.delete()
         if seen is not None:
             with body:
@@ -75,22 +101,34 @@ class CameraPage:
         """The same files with the marks and words of a template."""
         ui.navigate.to(link("camera", open=name, template=self.like.value))
 
-    async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
+    def _find_files(self) -> list[Path]:
+        """Camera files that the page was opened with; links must not lead out of the folder.  Raises BadInput."""
+        files = found([str(inside(self.folder, name)) for name in self.names])
+        for file in files:
+            name = str(file.relative_to(self.folder.resolve()))
+            if (path := inside(self.folder, name)).exists() and not path.is_file():
+                raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
+        return files
+
+    async def _store_uploads(self, event: events.MultiUploadEventArguments) -> None:
         """Files dropped on the page are put into the folder and opened: one alone under its own name, several in a new
         folder of theirs."""
-        seen = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA]
-        place = self.folder if len(seen) == 1 else self.folder / free_name(self.folder, DROPPED)
-        for file in seen:
-            place.mkdir(exist_ok=True)
-            path = place / free_name(place, Path(file.name).name)
-            await file.save(path)
-        if seen:
-            ui.navigate.to(link("camera", open=str((path if len(seen) == 1 else place).relative_to(self.folder))))
+        files = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA]
+        with show_errors(self.folder):
+            names = [check_upload_name(file.name) for file in files]
+            place = path = self.folder
+            if len(files) > 1:
+                place = path = self.folder / free_name(self.folder, DROPPED)
+                place.mkdir()
+            for name, file in zip(names, files, strict=True):
+                path = await write_upload(place, free_name(place, name), file.iterate())
+            if files:
+                ui.navigate.to(link("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder))))
 
     # --- what is seen ------------------------------------------------------------------------------------
     def _lay_out(self, seen: Opened) -> None:
         self.seen, self.starts = seen, [t - (self.inherited.start or 0.0) for t in self.inherited.starts or ()]
-        self.marked = MarkedImage(seen, self.inherited, self._told)
+        self.marked = MarkedImage(seen, self.inherited, self._show_command)
         with ui.row().classes("w-full items-start no-wrap max-xl:flex-wrap"):
             with ui.column().classes("grow min-w-0 gap-1 max-xl:w-full"):
                 self.marked.show()
@@ -100,7 +138,7 @@ class CameraPage:
                 self._saying()
         self.report = ui.column().classes("w-full")
         self.marked.drawn()
-        self._told()
+        self._show_command()
 
     def _charts(self) -> None:
         """Mean over time, on which starts of sliding are clicked, and the histogram."""
@@ -123,32 +161,39 @@ class CameraPage:
                             "data": [p for p in _pairs(middle, look.counts) if p[1] > 0]}],
             }).classes("w-80 h-52")  # fmt: skip
         for key, words in look.rows_of():
-            ui.label(f"{key}: {words}").classes("text-xs text-gray-700")
+            ui.label(escape_control(f"{key}: {words}")).classes("text-xs text-gray-700")
 
     # --- what the file does not say ------------------------------------------------------------------------
     def _saying(self) -> None:
         facts = self.inherited
         ui.label("What the file does not say").classes("text-lg font-medium")
-        self.view = ui.select(list(VIEWS), value=facts.view or VIEWS[0], label="view", on_change=lambda: self._told())
+        self.view = ui.select(
+            list(VIEWS), value=facts.view or VIEWS[0], label="view", on_change=lambda: self._show_command()
+        )
         self.view.classes("w-full")
         self.said: dict[str, Any] = {}
         for key, unit in SAID.items():
             words = f"{key}{f' ({unit})' if unit else ''}"
-            self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._told())
+            self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
             self.said[key].classes("w-full").props("dense")
         self.starting = ui.input("starts of sliding, s after the first frame", value=_listed(self.starts))
         self.starting.classes("w-full").props("dense").on("change", lambda: self._starts_typed())
         with ui.row():
             ui.button("Find starts", on_click=self._find_starts).props("outline dense no-caps")
             ui.button("Forget marks", on_click=self.marked.forget).props("outline dense no-caps")
-        self.out = ui.input("recording", value=self._free(), on_change=lambda: self._told()).classes("w-full")
+        self.out = ui.input("recording", value=self._free(), on_change=lambda: self._show_command()).classes("w-full")
         ui.button("Save recording and template", on_click=self._save).classes("w-full").props("no-caps")
         self.line = ui.column().classes("w-full")
 
     def _free(self) -> str:
+        """A name for the recording under which no file of its own kind nor its picture or template lies."""
         name = Path(self.names[0])
-        stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.")
-        return free_name(self.folder, f"{stem or 'recording'}.nc")
+        stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.") or "recording"
+        free, n = free_name(self.folder, f"{stem}.nc"), 1
+        while any(os.path.lexists((self.folder / free).with_suffix(end)) for end in (".png", ".toml")):
+            n += 1
+            free = free_name(self.folder, f"{stem}-{n}.nc")
+        return free
 
     def _find_starts(self) -> None:
         self.starts = [round(t, 4) for t in onsets(self._time(), self.seen.mean)]
@@ -183,7 +228,7 @@ class CameraPage:
         self.trace.update()
         if self.starts:
             self.said["start"].value = round(-self.starts[0], 4)
-        self._told()
+        self._show_command()
 
     # --- in words -------------------------------------------------------------------------------------------
     def facts(self) -> Facts:
@@ -209,7 +254,7 @@ class CameraPage:
                 rows[f.name] = str(value) if isinstance(value, Path) else _rows(value)
         return tomli_w.dumps(rows)
 
-    def _told(self) -> None:
+    def _show_command(self) -> None:
         """The command line that does the same."""
         self.line.clear()
         with self.line:
@@ -218,37 +263,53 @@ class CameraPage:
     async def _save(self) -> None:
         """Template and recording, by the very code of the command line."""
         self.report.clear()
-        with self.report:
-            try:
-                result = await run.io_bound(self._imported)
-            except (FlashtempError, OSError) as fault:
-                told(str(fault), self.folder)
-                self._bring()
-                return
-            if result is None:  # the server ends
-                return
-            ui.label(named(str(result), self.folder)).classes("whitespace-pre-wrap font-mono text-sm")
-            for note in result.notes:
-                ui.label(named(note, self.folder)).classes("text-xs")
-            if result.picture is not None:
-                ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
+        with self.report, show_errors(self.folder):
+            out, template = self._claim_names()
+            taken = [p.name for p in (out, out.with_suffix(".png"), template) if p.exists()]
+            if out not in self.saved and taken:
+                lines = [*map(escape_control, taken), "exist already, and this page has not written them."]
+                if not await ask(lines, "Replace them"):
+                    return
+            name, own = str(template.relative_to(self.folder.resolve())), self.saved.get(out)
+            self.saved[out] = write_text(self.folder, name, self.template(), own, replace=True)
+            if (result := await run.io_bound(lambda: _import_template(template))) is not None:
+                self._show_saved(result)
         self._bring()
+
+    def _claim_names(self) -> tuple[Path, Path]:
+        """Where recording and template go: none of them, nor the picture, over a camera file.  Raises BadInput."""
+        name = self.out.value or ""
+        out = inside(self.folder, name)
+        if out.suffix != ".nc":
+            raise BadInput(f"{escape_control(name)}: a recording is NetCDF; give a name that ends in .nc")
+        home, sources = self.folder.resolve(), [file.resolve() for file in self._find_files()]
+        template, picture = (
+            inside(self.folder, str(out.with_suffix(end).relative_to(home))) for end in (".toml", ".png")
+        )
+        if overwritten := next((p for p in (out, picture) if p in sources), None):
+            raise BadInput(f"{overwritten.name}: is a camera file of this recording; give the recording another name")
+        return out, template
+
+    def _show_saved(self, result: Imported) -> None:
+        """What was recorded, with its picture."""
+        text = escape_lines(relative_names(str(result), self.folder))
+        ui.label(text).classes("whitespace-pre-wrap font-mono text-sm")
+        for note in result.notes:
+            ui.label(escape_control(relative_names(note, self.folder))).classes("text-xs")
+        if result.picture is not None:
+            ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
 
     def _bring(self) -> None:
         """What is told of a save stands below all else: bring it before the eye."""
         ui.run_javascript(f"getHtmlElement({self.report.id}).scrollIntoView({{block: 'nearest'}})")
 
-    def _imported(self) -> Imported:
-        out = inside(self.folder, self.out.value)
-        if out.suffix != ".nc":
-            raise BadInput(f"{self.out.value}: a recording is NetCDF; give a name that ends in .nc")
-        template = out.with_suffix(".toml")
-        template.write_text(self.template(), encoding="utf-8")
-        return import_recording(Request.of([str(template)], Facts()), overwrite=True)
+
+def _import_template(template: Path) -> Imported:
+    return import_recording(Request.of([str(template)], Facts()), overwrite=True)
 
 
-def _no_camera_file() -> None:
-    ui.notify(f"what is no camera file is left out; these are: {' '.join(sorted(CAMERA))}", type="negative")
+def _notify_rejected() -> None:
+    ui.notify(f"only camera files are taken, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA))}", type="negative")
 
 
 def _beside(path: Path, folder: Path) -> str:

@@ -10,9 +10,11 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.api.campaigns import open_campaign
-from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.lab.folder import free_name, inside, listing
-from flashtemp.lab.shared import link, saved, told, when_it_fails
+from flashtemp.errors import BadInput
+from flashtemp.lab.folder import escape_control, free_name, listing
+from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
+from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.shared import ask_to_run, link, save_text, show_error, show_errors
 from flashtemp.lab.toml_text import edited
 from flashtemp.model.toml_value import value_text
 
@@ -22,14 +24,15 @@ BEGIN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
 class CampaignPage:
     """One campaign as text; the controls only write into the text, so that there is one truth."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
+        self.folder, self.allowed = folder, allowed or AllowedPrograms()
+        self.opened: TextVersion | None = None
 
     def show(self, name: str) -> None:
         """The page for a file of the folder, or for a new campaign."""
-        with when_it_fails():
+        with show_errors(self.folder):
             self.found = listing(self.folder)
-            text = inside(self.folder, name).read_text(encoding="utf-8") if name else self._begin()
+            text, self.opened = read_text(self.folder, name) if name else (self._begin(), None)
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
                 ui.button("Save", on_click=self._save)
@@ -49,10 +52,10 @@ class CampaignPage:
     def _controls(self, text: str) -> None:
         cases = [str(p) for p in self.found.cases]
         try:
-            named = (self.folder / self.name.value).parent / str(tomllib.loads(text).get("case", ""))
-        except (ValueError, RecursionError):
-            named = Path()
-        now = next((c for c in cases if (self.folder / c).resolve() == named.resolve()), None)
+            believed = (self.folder / self.name.value).parent / str(tomllib.loads(text).get("case", ""))
+            now = next((c for c in cases if (self.folder / c).resolve() == believed.resolve()), None)
+        except (ValueError, RecursionError, OSError):  # no TOML, or a name that no file can have
+            now = None
         ui.select(
             cases, value=now, label="case that is believed",
             on_change=lambda e: self._set("case", self._beside(e.value)),
@@ -79,7 +82,7 @@ class CampaignPage:
         if not self.file.value:
             return
         self.faults.clear()
-        with self.faults, when_it_fails():
+        with self.faults, show_errors(self.folder):
             rows = ["", "[[recording]]", f"file = {value_text(self._beside(self.file.value))}"]
             if given := _conditions(self.given.value or ""):
                 rows.append(f"with = {value_text(given)}")
@@ -87,20 +90,23 @@ class CampaignPage:
                 rows.append("held_out = true")
             self.text.value = (self.text.value or "").rstrip() + "\n" + "\n".join(rows) + "\n"
 
-    def _save(self) -> bool:
-        """Write the text, then tell what is wrong with it."""
+    async def _save(self) -> bool:
+        """Write the text, then say what is wrong with it; effect files of its case run only when allowed."""
         self.faults.clear()
-        with self.faults:
-            try:
-                saved(self.folder, self.name.value, self.text.value or "")
-                open_campaign(inside(self.folder, self.name.value), planned=True)
-            except (FlashtempError, OSError) as fault:
-                told(str(fault), self.folder)
+        with self.faults, show_errors(self.folder):
+            name, text = self.name.value or "", self.text.value or ""
+            if (version := await save_text(self.folder, name, text, self.opened)) is None:
                 return False
-        return True
+            self.opened = version
+            if not await ask_to_run(programs_of_campaign(text, version.path.parent), self.allowed):
+                show_error(f"{escape_control(name)} is saved but not checked, since no effect file may run")
+                return False
+            open_campaign(version.path, planned=True)
+            return True
+        return False
 
-    def _go(self, command: str) -> None:
-        if self._save():
+    async def _go(self, command: str) -> None:
+        if await self._save():
             ui.navigate.to(link("work", command=command, of=self.name.value))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from base64 import b64encode
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ from nicegui import ui
 
 from flashtemp.api.inputs import case_of_text
 from flashtemp.api.starting import new
-from flashtemp.errors import FlashtempError
-from flashtemp.lab.folder import free_name, inside
+from flashtemp.lab.folder import escape_control, free_name, inside
 from flashtemp.lab.jobs import shown
-from flashtemp.lab.shared import command_line, link, saved, told, when_it_fails
+from flashtemp.lab.programs import AllowedPrograms, programs_of_text
+from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.shared import command_line, link, program_lines, save_text, show_error, show_errors
 from flashtemp.lab.toml_text import edited
 from flashtemp.model.case import Case
 from flashtemp.model.schema import TABLES, declared
@@ -26,17 +28,17 @@ HIDDEN = ("numerics", "output", "limits")  # tables folded at first
 class CasePage:
     """One case as text; the form only writes into the text, so that there is one truth."""
 
-    def __init__(self, folder: Path):
-        self.folder, self.file = folder, ""
+    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
+        self.folder, self.file, self.allowed = folder, "", allowed or AllowedPrograms()
+        self.opened: TextVersion | None = None
         self.case: Case | None = None
         self.inputs: dict[tuple[str, str], Any] = {}
         self.filling = False
 
     def show(self, name: str) -> None:
         """The page for a file of the folder, or for a new case."""
-        with when_it_fails():
-            path = inside(self.folder, name) if name else None
-            text = path.read_text(encoding="utf-8") if path is not None else new("case").text
+        with show_errors(self.folder):
+            text, self.opened = read_text(self.folder, name) if name else (new("case").text, None)
             self.file = name or free_name(self.folder, "case.toml")
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=self.file).classes("w-96")
@@ -51,7 +53,7 @@ class CasePage:
                     self.text = ui.codemirror(text, language="TOML", on_change=lambda: self._typed()).classes(
                         "w-full h-96"
                     )
-                    self.drawing = ui.html("", sanitize=False).classes("w-full")
+                    self.drawing = ui.element("img").props('alt="the case, drawn"').classes("w-full")
             self._form()
             self._check()
             command_line(shown(["check", self.file]))
@@ -85,7 +87,8 @@ class CasePage:
         unit = "" if param.unit in ("", "1") else f" ({param.unit})"
         rest = "" if param.value is None else f"default {_written(param.value)}"
         field = ui.input(f"{key}{unit}", value="" if given is None else _written(given), placeholder=rest)
-        field.classes("w-full").props(f'dense stack-label bottom-slots aria-label="{table}.{key}"')
+        field.classes("w-full").props("dense stack-label bottom-slots")
+        field.props["aria-label"] = f"{table}.{key}"
         with field.add_slot("hint"):
             ui.label(f"{param.about}{_range(param)}").classes("text-xs")
         field.on("change", lambda: self._entered(table, key, field.value))
@@ -127,25 +130,37 @@ class CasePage:
             return {}
 
     def _check(self) -> None:
-        """Faults of the text as it stands, or a drawing of what it means."""
+        """Errors of the text as it stands, or a drawing of what it means; effect files run only when allowed."""
         self.faults.clear()
-        try:
-            self.case = case_of_text(self.text.value or "", inside(self.folder, self.name.value or "case.toml"))
-            self.drawing.content = _drawing(self.case)
-        except FlashtempError as fault:
-            self.case = None
-            with self.faults:
-                told(str(fault).replace(f"{self.folder}/", ""))
+        self.case, drawing = None, ""
+        with self.faults, show_errors(self.folder):
+            text, path = self.text.value or "", inside(self.folder, self.name.value or "case.toml")
+            if programs := self.allowed.unconfirmed(programs_of_text(text, path.parent)):
+                self._offer_programs(programs)
+            else:
+                self.case = case_of_text(text, path)
+                drawing = _drawing_address(self.case)
+        self.drawing.props["src"] = drawing
+        self.drawing.set_visibility(bool(drawing))
 
-    def _save(self) -> None:
-        """Write the text as it stands, whole or not at all; faults do not hold it back."""
-        with self.faults:
-            try:
-                saved(self.folder, self.name.value, self.text.value or "")
-            except (FlashtempError, OSError) as fault:
-                told(str(fault))
+    def _offer_programs(self, programs: list[Path]) -> None:
+        """Say which effect files the check would run, with the button that allows it."""
+        show_error("\n".join(["not checked yet", *program_lines(programs)]))
+        label = "Run it to check the case" if len(programs) == 1 else "Run them to check the case"
+        ui.button(label, on_click=lambda: self._run_programs(programs)).props("outline dense no-caps")
+
+    def _run_programs(self, programs: list[Path]) -> None:
+        self.allowed.allow(programs)
+        self._check()
+
+    async def _save(self) -> None:
+        """Write the text as it stands, whole or not at all; errors in it do not hold it back."""
+        name = self.name.value or ""
+        with self.faults, show_errors(self.folder):
+            if (version := await save_text(self.folder, name, self.text.value or "", self.opened)) is None:
                 return
-        ui.notify(f"{self.name.value} is saved")
+            self.opened = version
+            ui.notify(f"{escape_control(name)} is saved")
 
 
 def _written(value: Any) -> str:
@@ -171,7 +186,13 @@ def _range(param: Param) -> str:
     return f"; {low} to {high}" if low and high else f"; from {low}" if low else ""
 
 
-def _drawing(case: Case) -> str:
+def _drawing_address(case: Case) -> str:
+    """The drawing of a case as the address of an image, in which no script runs; "" where it cannot be drawn."""
     from flashtemp.viz.case_sketch import svg
 
-    return svg(case)
+    try:
+        text = svg(case)
+    except ValueError as fault:  # a layer's name that matplotlib reads as a formula
+        show_error(f"not drawn: {' '.join(str(fault).split())}")
+        return ""
+    return "data:image/svg+xml;base64," + b64encode(text.encode()).decode()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,7 +15,9 @@ from flashtemp.errors import BadInput
 from flashtemp.model import kinds
 from flashtemp.runs import folders
 
-DEEP, MOST = 4, 5000  # folders in folders, and files, that are looked at
+MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
+MAX_TOML_BYTES = 2 * 2**20  # of a TOML file that the page reads; the largest case of the gallery has 4 kB
+MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
 CAMERA = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
     ".hdf5",
@@ -27,7 +30,10 @@ RESULTS = {  # file that a result folder holds: the command that makes it
 
 @dataclass
 class Listing:
-    """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners."""
+    """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners.
+
+    `omissions` says in sentences which files are left out, and why.
+    """
 
     cases: list[Path] = field(default_factory=list)
     campaigns: list[Path] = field(default_factory=list)
@@ -36,6 +42,7 @@ class Listing:
     images: list[Path] = field(default_factory=list)
     results: dict[Path, str] = field(default_factory=dict)
     begun: dict[Path, folders.Owner] = field(default_factory=dict)
+    omissions: list[str] = field(default_factory=list)
 
     @property
     def series(self) -> dict[str, int]:
@@ -58,10 +65,10 @@ class Listing:
 def listing(folder: Path) -> Listing:
     """Everything in a folder that a page can open; hidden files are left out, links are not followed."""
     out = Listing()
-    for path, names in _folders(folder):
+    for path, names in _walk_folders(folder, out.omissions):
         here = path.relative_to(folder)
         made = next((command for name, command in RESULTS.items() if name in names), None)
-        if (owner := folders.owner(path)) is not None:
+        if folders.MARKER in names and (owner := read_owner(path)) is not None:
             out.begun[here] = owner
         elif made is not None:
             out.results[here] = made
@@ -71,19 +78,31 @@ def listing(folder: Path) -> Listing:
     return out
 
 
-def _folders(folder: Path) -> Iterator[tuple[Path, list[str]]]:
+def _walk_folders(folder: Path, omissions: list[str]) -> Iterator[tuple[Path, list[str]]]:
     """Folders in order, with the names of their files; what lies in a result is a part of it."""
-    seen = 0
-    for at, inside, names in os.walk(folder):
+    n_files = n_undecodable = 0
+    for n_folders, (at, inside, names) in enumerate(os.walk(folder), 1):
         path = Path(at)
-        names = [n for n in names if not n.startswith(".") or n == folders.MARKER]
+        n_undecodable += sum(not _is_utf8(n) for n in (*names, *inside))
+        names = [n for n in names if _is_utf8(n) and (not n.startswith(".") or n == folders.MARKER)]
         closed = any(n in RESULTS or n == folders.MARKER for n in names)
-        deep = len(path.relative_to(folder).parts) >= DEEP
-        inside[:] = [] if closed or deep else sorted(n for n in inside if not n.startswith("."))
-        seen += len(names)
-        yield path, names
-        if seen > MOST:
-            return
+        deep = len(path.relative_to(folder).parts) >= MAX_LISTING_DEPTH
+        inside[:] = [] if closed or deep else sorted(n for n in inside if _is_utf8(n) and not n.startswith("."))
+        yield path, names if closed else sorted(names)[: MAX_LISTED_FILES - n_files]
+        n_files += len(names)
+        if n_files > MAX_LISTED_FILES or n_folders >= MAX_LISTED_FOLDERS:
+            omissions.append(
+                f"Only the first {MAX_LISTED_FILES} files in {MAX_LISTED_FOLDERS} folders are listed; "
+                "serve a smaller folder to see the others."
+            )
+            break
+    if n_undecodable:
+        omissions.append(f"{n_undecodable} files or folders whose names are not UTF-8 are left out; rename them.")
+
+
+def _is_utf8(name: str) -> bool:
+    """Whether a name of the file system is text (os.fsdecode leaves lone surrogates for other bytes)."""
+    return name.isascii() or not any("\ud800" <= c <= "\udfff" for c in name)
 
 
 def _sort(out: Listing, folder: Path, path: Path) -> None:
@@ -103,25 +122,67 @@ def _sort(out: Listing, folder: Path, path: Path) -> None:
 
 def kind_of(file: Path) -> str:
     """Whether a TOML file is a case, a campaign or a recording template; "" for any other."""
-    named = "case" if file.name == "case.toml" else ""
+    default = "case" if file.name == "case.toml" else ""
     try:
-        return kinds.kind(tomllib.loads(file.read_text(encoding="utf-8"))) or named
+        if not _is_short_file(file):
+            return ""
+        return kinds.kind(tomllib.loads(file.read_text(encoding="utf-8"))) or default
     except (OSError, ValueError, RecursionError):
-        return named
+        return default
+
+
+def read_owner(folder: Path) -> folders.Owner | None:
+    """Whose working folder that is; None where no run of flashtemp made it, whatever its marker holds."""
+    try:
+        return folders.owner(folder) if _is_short_file(folder / folders.MARKER) else None
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+def _is_short_file(file: Path) -> bool:
+    """Whether a file can be read at once: a pipe would be waited for, a large one would fill the memory."""
+    state = file.stat()
+    return stat.S_ISREG(state.st_mode) and state.st_size <= MAX_TOML_BYTES
 
 
 def inside(folder: Path, name: str) -> Path:
-    """A path that lies in the folder, whatever was asked for.  Raises BadInput."""
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise BadInput(f"{name}: lies outside the folder of this page; give a name in it")
+    """The resolved path of a name in the folder: below it, links followed, no part of it hidden.  Raises BadInput."""
+    try:
+        path, home = (folder / name).resolve(), folder.resolve()
+        os.lstat(path)
+    except FileNotFoundError:
+        pass
+    except NotADirectoryError as fault:
+        raise BadInput(
+            f"{escape_control(name)}: a part of it is a file; give the name of a file in a folder"
+        ) from fault
+    except (OSError, ValueError, RuntimeError) as fault:  # too long, a NUL byte, links in a circle
+        raise BadInput(f"{escape_control(name)!r}: not the name of a file; give a name in this folder") from fault
+    if not path.is_relative_to(home):
+        raise BadInput(f"{escape_control(name)}: lies outside the folder of this page; give a name in it")
+    if has_hidden_part(path.relative_to(home)) or has_hidden_part(Path(name)):
+        raise BadInput(f"{escape_control(name)}: hidden files are not opened here; give a name without a leading dot")
     return path
+
+
+def has_hidden_part(path: Path) -> bool:
+    """Whether a part of a path is hidden, that is, begins with a dot; `..` is none."""
+    return any(part.startswith(".") and part != ".." for part in path.parts)
+
+
+def escape_control(text: str) -> str:
+    r"""A text in which nothing breaks a line, reverses the order of letters or is no character at all.
+
+    >>> escape_control("a\nb\u202ec")
+    'a\\nb\\u202ec'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def free_name(folder: Path, name: str) -> str:
     """That name, or name-2, name-3... where it is taken."""
     stem, suffix, n, free = Path(name).stem, Path(name).suffix, 1, name
-    while (folder / free).exists() or folders.partials(folder / free):
+    while os.path.lexists(folder / free) or folders.partials(folder / free):
         n += 1
         free = f"{stem}-{n}{suffix}"
     return free

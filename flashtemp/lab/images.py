@@ -45,7 +45,7 @@ class Opened:
         rows, columns = self.frames.shape[1:]
         return float(self.frames[frame, r, c]) if 0 <= c < columns and 0 <= r < rows else None
 
-    def told(self, frame: int, column: float, row: float) -> str:
+    def describe_pixel(self, frame: int, column: float, row: float) -> str:
         """What there is to say of the pixel at a place."""
         T = self.value(frame, column, row)
         if T is None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
-import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from flashtemp.runs.current_folder import make_python_command
 from flashtemp.runs.processes import deaf, interrupt
 
 LOGS = ".flashtemp-lab"  # folder of the logs
@@ -77,12 +76,13 @@ class Jobs:
         logs = self.folder / LOGS
         logs.mkdir(exist_ok=True)
         log = logs / f"{time.strftime('%Y%m%d-%H%M%S')}-{len(self.all) + 1}-{words[0]}.log"
+        command, env = make_python_command("-m", "flashtemp", *words)  # the folder may hold a stranger's random.py
         with log.open("w", encoding="utf-8") as out:
             out.write(f"$ {shown(words)}\n")
             out.flush()
             process = subprocess.Popen(
-                [sys.executable, "-m", "flashtemp", *words], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out,
-                stderr=subprocess.STDOUT, env=os.environ | {"FLASHTEMP_PROGRESS": PACE}, **deaf(),
+                command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+                env=env | {"FLASHTEMP_PROGRESS": PACE}, **deaf(),
             )  # fmt: skip
         job = Job(tuple(words), log, process)
         self.all.insert(0, job)

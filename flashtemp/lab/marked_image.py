@@ -84,7 +84,8 @@ class MarkedImage:
             for n in FOUR:
                 ui.label(n).style(f"border-left: 6px solid {COLOURS[n]}; padding-left: 6px").classes("text-sm")
                 for axis, name in enumerate(("column", "row")):
-                    box = ui.number(name, step=0.1, format="%.2f").props(f'dense stack-label aria-label="{n}, {name}"')
+                    box = ui.number(name, step=0.1, format="%.2f").props("dense stack-label")
+                    box.props["aria-label"] = f"{n}, {name}"
                     box.on("change", lambda n=n: self._typed(n))
                     self.boxes[n, axis] = box
         self._boxed()
@@ -128,7 +129,7 @@ class MarkedImage:
         """A mark is set, taken up, moved, let go; the value under the cursor is told."""
         zoom = self.opened.zoom
         c, r = event.image_x / zoom - 0.5, event.image_y / zoom - 0.5
-        self.value.text = f"column {c:.1f}, row {r:.1f}: {self.opened.told(int(self.frame.value), c, r)}"
+        self.value.text = f"column {c:.1f}, row {r:.1f}: {self.opened.describe_pixel(int(self.frame.value), c, r)}"
         if event.type == "mousedown":
             grips = [n for n, (a, b) in self.points.items() if max(abs(a - c), abs(b - r)) * zoom < NEAR]
             self.held = grips[0] if grips else str(self.next.value)

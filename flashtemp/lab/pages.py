@@ -7,23 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
-from nicegui import app as site
 from nicegui import ui
 
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
-from flashtemp.lab.folder import listing
+from flashtemp.lab.folder import escape_control, listing
+from flashtemp.lab.folder_files import FolderFiles
 from flashtemp.lab.jobs import Jobs
+from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_page import result_page
-from flashtemp.lab.shared import FILES, NAMES, STANDARD, frame, link, when_it_fails
+from flashtemp.lab.shared import FILES, NAMES, STANDARD, frame, link, show_errors
 from flashtemp.lab.work_page import WorkPage
 
 
 def application(folder: Path) -> tuple[Any, Jobs]:
     """The page of a folder, and the commands that it starts."""
-    jobs, app = Jobs(folder), FastAPI()
-    site.add_static_files(FILES, folder)
+    jobs, allowed = Jobs(folder), AllowedPrograms()
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.mount(FILES, FolderFiles(folder))
 
     @ui.page("/")
     def files() -> None:
@@ -38,21 +40,21 @@ def application(folder: Path) -> tuple[Any, Jobs]:
     @ui.page("/case")
     def case(open: str = "") -> None:  # noqa: A002
         with frame("case", folder):
-            CasePage(folder).show(open)
+            CasePage(folder, allowed).show(open)
 
     @ui.page("/campaign")
     def campaign(open: str = "") -> None:  # noqa: A002
         with frame("campaign", folder):
-            CampaignPage(folder).show(open)
+            CampaignPage(folder, allowed).show(open)
 
     @ui.page("/work")
     def work(command: str = "run", of: str = "") -> None:
         with frame("work", folder):
-            WorkPage(folder, jobs).show(command, of)
+            WorkPage(folder, jobs, allowed).show(command, of)
 
     @ui.page("/result")
     def result(open: str = "") -> None:  # noqa: A002
-        with frame("", folder), when_it_fails():
+        with frame("", folder), show_errors(folder):
             result_page(folder, open)
 
     ui.run_with(app, title="flashtemp", favicon="🔥", show_welcome_message=False)
@@ -76,6 +78,8 @@ def _files(folder: Path) -> None:
         "Results": [(p, [("open", link("result", open=p))]) for p in found.results],
         "Begun": [(p, [("go on", _work(o.command, p))]) for p, o in found.begun.items()],
     }  # fmt: skip
+    for sentence in found.omissions:
+        ui.label(sentence).classes("text-amber-900")
     if not any(groups.values()):
         ui.label("Nothing here yet: begin with a case, or drop camera files on the camera page.")
     with ui.row().classes("w-full gap-6 items-start"):
@@ -97,7 +101,7 @@ def _group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]])
         ui.label(title).classes("text-lg font-medium")
         for path, ways in rows[:NAMES]:
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
-                ui.label(str(path)).classes("break-all grow")
+                ui.label(escape_control(str(path))).classes("break-all grow")
                 for words, target in ways:
                     ui.link(words, target)
         if len(rows) > NAMES:

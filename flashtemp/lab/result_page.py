@@ -10,9 +10,12 @@ import numpy as np
 from nicegui import ui
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import inside
-from flashtemp.lab.shared import file_address
+from flashtemp.lab.folder import escape_control, inside
+from flashtemp.lab.shared import file_address, refuse_damaged, show_errors
 
+MAX_PROFILE_BYTES = 512 * 2**20  # of arrays that the page loads at once
+MAX_JSON_BYTES = 32 * 2**20
+MAX_PICTURES = 200
 PICTURES = (".png", ".gif", ".svg")
 CURVES = {"T_spot": "in the contact spots", "T_block": "block, averaged across y", "T_road": "road"}
 
@@ -21,31 +24,62 @@ def result_page(folder: Path, name: str) -> None:
     """What a result folder, or a recording, holds.  Raises BadInput."""
     path = inside(folder, name)
     if not path.is_dir():
-        raise BadInput(f"{name}: no such result; choose one on the page of the folder")
-    ui.label(name).classes("text-xl")
-    if (path / "run.nc").is_file():
-        _profiles(path / "run.nc")
-        _in_space(path)
-    if (path / "report.html").is_file():
-        address = file_address(Path(name) / "report.html")
-        ui.link("report in a tab of its own", address, new_tab=True)
-        style = "width:100%;height:80vh;border:1px solid #ccc"
-        ui.html(f'<iframe src="{address}" title="report" style="{style}"></iframe>', sanitize=False).classes("w-full")
-    _numbers(path)
-    pictures = sorted(p for p in path.iterdir() if p.suffix in PICTURES)
+        raise BadInput(f"{escape_control(name)}: no such result; choose one on the page of the folder")
+    here = path.relative_to(folder.resolve())
+    ui.label(escape_control(str(here))).classes("text-xl")
+    with show_errors(folder):
+        if (file := _own_file(folder, here / "run.nc")) is not None:
+            _profiles(file)
+            _in_space(folder, here)
+    if _own_file(folder, here / "report.html") is not None:
+        _show_report(file_address(here / "report.html"))
+    with show_errors(folder):
+        _numbers(folder, here)
+    _show_pictures(folder, path, here)
+
+
+def _own_file(folder: Path, name: Path) -> Path | None:
+    """A regular file of the folder by its path there; None where there is none or a link leads out of the folder."""
+    try:
+        path = inside(folder, str(name))
+        return path if path.is_file() else None
+    except BadInput:
+        return None
+
+
+def _show_report(address: str) -> None:
+    """A report in a frame that may neither run scripts nor act as this page, since anybody may have written it."""
+    ui.link("report in a tab of its own", address, new_tab=True)
+    frame = ui.element("iframe").style("width:100%;height:80vh;border:1px solid #ccc")
+    for key, value in {"src": address, "title": "report", "sandbox": "", "referrerpolicy": "no-referrer"}.items():
+        frame.props[key] = value
+
+
+def _show_pictures(folder: Path, path: Path, here: Path) -> None:
+    names = sorted(p.name for p in path.iterdir() if p.suffix in PICTURES and escape_control(p.name) == p.name)
+    pictures = [name for name in names[:MAX_PICTURES] if _own_file(folder, here / name) is not None]
     with ui.row().classes("w-full gap-4"):
-        for picture in pictures:
-            with ui.link(target=file_address(Path(name) / picture.name), new_tab=True):
-                ui.image(file_address(Path(name) / picture.name)).classes("w-96").props(f'alt="{picture.stem}"')
+        for name in pictures:
+            address = file_address(here / name)
+            with ui.link(target=address, new_tab=True):
+                ui.image(address).classes("w-96").props["alt"] = Path(name).stem
+    if len(names) > MAX_PICTURES:
+        ui.label(f"and {len(names) - MAX_PICTURES} more pictures in {escape_control(str(here))}")
 
 
 def _profiles(file: Path) -> None:
     """T(x) of the kept moments, with a slider over time."""
     import xarray
 
-    with xarray.open_dataset(file) as run:
-        time, x = run["time"].values, 1e3 * run["x"].values
-        curves = {k: run[k].values for k in CURVES if k in run}
+    with refuse_damaged(file), xarray.open_dataset(file) as run:
+        names = [k for k in CURVES if k in run]
+        n_bytes = sum(run[k].nbytes for k in ("time", "x", *names))
+        if n_bytes > MAX_PROFILE_BYTES:
+            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; look at it with xarray")
+        time, x = run["time"].values.astype(float), 1e3 * run["x"].values.astype(float)
+        curves = {k: run[k].transpose("time", "x").values.astype(float) for k in names}
+        if not curves or not len(time) or not any(np.isfinite(v).any() for v in curves.values()):
+            raise BadInput(f"{file}: holds no temperatures over time and x; it is no run of flashtemp")
     ambient = min(float(np.nanmin(v)) for v in curves.values())
     warmest = max(float(np.nanmax(v)) for v in curves.values())
     chart = ui.echart({
@@ -67,15 +101,16 @@ def _profiles(file: Path) -> None:
     at(len(time) - 1)
 
 
-def _in_space(path: Path) -> None:
+def _in_space(folder: Path, here: Path) -> None:
     """Cell centres of the last field in their colours, to be turned with the mouse."""
     from flashtemp.api.simulation import open_fields
     from flashtemp.viz.space_points import points
 
-    if not (path / "fields.vtkhdf").is_file():
+    if (file := _own_file(folder, here / "fields.vtkhdf")) is None:
         return
     try:
-        where, colours = points(open_fields(path))
+        with refuse_damaged(file):
+            where, colours = points(open_fields(file.parent))
     except BadInput:
         return
     with ui.expansion("in space").classes("w-full"), ui.scene(width=900, height=480, grid=False) as scene:
@@ -83,16 +118,20 @@ def _in_space(path: Path) -> None:
         scene.move_camera(x=0.0, y=-14.0, z=8.0, look_at_x=0.0, look_at_y=0.0, look_at_z=0.0)
 
 
-def _numbers(path: Path) -> None:
-    """The numbers of the result."""
-    file = next((path / n for n in ("summary.json", "verdict.json", "compare.json") if (path / n).is_file()), None)
-    if file is None:
+def _numbers(folder: Path, here: Path) -> None:
+    """The numbers of the result.  Raises BadInput for a damaged file."""
+    files = (_own_file(folder, here / n) for n in ("summary.json", "verdict.json", "compare.json"))
+    if (file := next(filter(None, files), None)) is None:
         return
-    try:
-        told: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:
-        return
-    rows = [{"key": k, "value": f"{v:.6g}" if isinstance(v, float) else str(v)} for k, v in told.items() if _short(v)]
+    with refuse_damaged(file):
+        if file.stat().st_size > MAX_JSON_BYTES:
+            raise BadInput(f"{file}: larger than {MAX_JSON_BYTES // 2**20} MiB; look at it with a text editor")
+        numbers: dict[str, Any] = dict(json.loads(file.read_text(encoding="utf-8")))
+    rows = [
+        {"key": escape_control(k), "value": f"{v:.6g}" if isinstance(v, float) else escape_control(str(v))}
+        for k, v in numbers.items()
+        if _short(v)
+    ]
     with ui.expansion("numbers").classes("w-full"):
         ui.table(rows=rows, columns=[{"name": k, "label": k, "field": k, "align": "left"} for k in ("key", "value")])
 

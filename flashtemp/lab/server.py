@@ -1,4 +1,4 @@
-"""The page's server: on loopback only, for who knows the token in its address."""
+"""The page's server: on loopback, for whoever knows the token in its address; what every answer forbids the browser."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
 from dataclasses import dataclass
-from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlencode
+from urllib.parse import parse_qs, quote, urlencode
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.saving import MAX_UPLOAD_BYTES, UPLOAD_LIMIT
 
 HOST, COOKIE = "127.0.0.1", "flashtemp_lab"
 Scope = MutableMapping[str, Any]
@@ -20,11 +20,41 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 
 
+BODY_METHODS = ("POST", "PUT", "PATCH", "DELETE")
+MAX_BODY_BYTES = MAX_UPLOAD_BYTES + 2**20  # the form around the files
+PAGE_HEADERS = {  # of every answer that has none of its own
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",  # the address holds the token once
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
+
+
+def page_policy(port: int) -> str:
+    """Content-Security-Policy of the page: nothing from elsewhere, framed by nobody.
+
+    NiceGUI compiles templates and runs handlers in the page, so inline scripts and eval have to stay allowed.
+    """
+    sockets = " ".join(f"ws://{name}" for name in host_names(port))
+    return (
+        "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+        f"img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' {sockets}; worker-src 'self' blob:; "
+        "frame-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"
+    )
+
+
+def host_names(port: int) -> tuple[str, str]:
+    """What a browser calls this server in the headers Host and Origin."""
+    return f"{HOST}:{port}", f"localhost:{port}"
+
+
 @dataclass(frozen=True)
 class Guard:
     """Lets through who brings the `token`, in the address once and as a cookie from then on, to this `port` itself.
 
-    The name of the host is looked at too, so that no other site's name can stand for it.
+    Host and Origin are compared with the server's own names, against DNS rebinding and requests of other sites; of
+    pages on other ports of this computer, which share its cookies, only links to a whole page pass (Fetch Metadata).
     """
 
     app: Callable[[Scope, Receive, Send], Awaitable[None]]
@@ -33,48 +63,109 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request of HTTP or one web socket."""
-        if scope["type"] not in ("http", "websocket") or self._known(scope):
+        kind = scope["type"]
+        if kind not in ("http", "websocket"):
             await self.app(scope, receive, send)
-        elif scope["type"] == "websocket":
+        elif kind == "websocket" and not self._is_known(scope):
             await receive()
             await send({"type": "websocket.close", "code": 1008})
-        elif self._here(scope) and self._right(parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]):
-            await _answer(send, 303, [("location", _without_token(scope)), ("set-cookie", self._cookie())])
+        elif kind == "websocket":
+            await self.app(scope, receive, send)
         else:
-            await _answer(send, 403, [], b"open the address that `flashtemp lab` printed, with its token\n")
+            await self._answer(scope, receive, _with_headers(send, page_policy(self.port)))
 
-    def _known(self, scope: Scope) -> bool:
-        cookie = SimpleCookie(_header(scope, b"cookie")).get(f"{COOKIE}_{self.port}")
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request of HTTP."""
+        if self._is_known(scope):
+            status, text = _body_refusal(scope)
+            if status:
+                await _send_answer(send, status, [("connection", "close")], text)
+            else:
+                await self.app(scope, receive, send)
+        elif self._is_here(scope) and self._is_token(_query(scope).get("token", [""])[0]):
+            await _send_answer(send, 303, [("location", _without_token(scope)), ("set-cookie", self._cookie())])
+        else:
+            await _send_answer(send, 403, [], "open the address that `flashtemp lab` printed, with its token\n")
+
+    def _is_known(self, scope: Scope) -> bool:
         origin = _header(scope, b"origin")
-        foreign = origin and origin.removeprefix("http://") not in self._names()
-        return self._here(scope) and not foreign and cookie is not None and self._right(cookie.value)
+        foreign = origin and origin.removeprefix("http://") not in host_names(self.port)
+        cookies = _cookies(scope, f"{COOKIE}_{self.port}")
+        return self._is_here(scope) and not foreign and not _is_embedded(scope) and any(map(self._is_token, cookies))
 
-    def _here(self, scope: Scope) -> bool:
-        return _header(scope, b"host") in self._names()
+    def _is_here(self, scope: Scope) -> bool:
+        return _header(scope, b"host") in host_names(self.port)
 
-    def _names(self) -> tuple[str, str]:
-        return f"{HOST}:{self.port}", f"localhost:{self.port}"
-
-    def _right(self, token: str) -> bool:
-        return hmac.compare_digest(token.encode(), self.token.encode())
+    def _is_token(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
     def _cookie(self) -> str:
         return f"{COOKIE}_{self.port}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+
+
+def _is_embedded(scope: Scope) -> bool:
+    """Whether another site or port asks for more than to show a whole page (W3C Fetch Metadata Request Headers)."""
+    site, mode, dest = (_header(scope, b"sec-fetch-" + name) for name in (b"site", b"mode", b"dest"))
+    return site in ("same-site", "cross-site") and (mode, dest) != ("navigate", "document")
+
+
+def _body_refusal(scope: Scope) -> tuple[int, str]:
+    """Status and text for a request whose body is too large or of unknown length; 0 for one that may be read."""
+    length = _header(scope, b"content-length")
+    if length.isascii() and length.isdigit():
+        return (
+            (413, f"{UPLOAD_LIMIT}; copy the files into the folder instead\n")
+            if int(length) > MAX_BODY_BYTES
+            else (0, "")
+        )
+    has_body = scope["method"] in BODY_METHODS or _header(scope, b"transfer-encoding") or length
+    return (411, "say the length of what is sent\n") if has_body else (0, "")
 
 
 def _header(scope: Scope, name: bytes) -> str:
     return next((value.decode("latin-1") for key, value in scope["headers"] if key == name), "")
 
 
+def _cookies(scope: Scope, name: str) -> list[str]:
+    """Values of the cookies of that name; cookies of other servers on this computer may be of any kind."""
+    pairs = (part.strip().partition("=") for part in _header(scope, b"cookie").split(";"))
+    return [value for key, _, value in pairs if key == name]
+
+
+def _query(scope: Scope) -> dict[str, list[str]]:
+    try:
+        return parse_qs(scope["query_string"].decode("latin-1"))
+    except ValueError:  # more fields than a query may have
+        return {}
+
+
 def _without_token(scope: Scope) -> str:
-    rest = [(k, v) for k, vs in parse_qs(scope["query_string"].decode("latin-1")).items() for v in vs if k != "token"]
-    return "/" + scope["path"].lstrip("/") + ("?" + urlencode(rest) if rest else "")  # of this host, whatever it says
+    """The same address on this host without the token, whatever the path holds."""
+    rest = [(k, v) for k, values in _query(scope).items() for v in values if k != "token"]
+    return "/" + quote(scope["path"].lstrip("/\\")) + ("?" + urlencode(rest) if rest else "")
 
 
-async def _answer(send: Send, status: int, headers: list[tuple[str, str]], body: bytes = b"") -> None:
-    named = [(k.encode("latin-1"), v.encode("latin-1")) for k, v in [*headers, ("content-type", "text/plain")]]
-    await send({"type": "http.response.start", "status": status, "headers": named})
-    await send({"type": "http.response.body", "body": body})
+def _with_headers(send: Send, policy: str) -> Send:
+    """Send with the headers that every answer has."""
+
+    async def send_with_headers(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            headers = list(message.get("headers", ()))
+            present = {bytes(key).lower() for key, _ in headers}
+            for name, value in {**PAGE_HEADERS, "content-security-policy": policy}.items():
+                if name.encode() not in present:
+                    headers.append((name.encode(), value.encode()))
+            message = {**message, "headers": headers}
+        await send(message)
+
+    return send_with_headers
+
+
+async def _send_answer(send: Send, status: int, headers: list[tuple[str, str]], text: str = "") -> None:
+    plain = [*headers, ("content-type", "text/plain; charset=utf-8"), ("cache-control", "no-store")]
+    encoded = [(k.encode("latin-1"), v.encode("latin-1")) for k, v in plain]
+    await send({"type": "http.response.start", "status": status, "headers": encoded})
+    await send({"type": "http.response.body", "body": text.encode()})
 
 
 def serve(folder: Path, browser: bool = True, told: Callable[[str], Any] = print) -> None:

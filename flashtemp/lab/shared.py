@@ -1,9 +1,9 @@
-"""What pages share: the frame around each, links, the command line that does the same, faults in words."""
+"""What pages share: the frame around each, links, the command line that does the same, errors, questions."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,10 @@ from urllib.parse import quote, urlencode
 
 from nicegui import ui
 
-from flashtemp.errors import FlashtempError
-from flashtemp.lab.folder import inside
+from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.lab.folder import escape_control
+from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
 
 FILES = "/files"  # address of the folder
 NAMES = 40  # that a list shows
@@ -31,7 +33,9 @@ def frame(here: str, folder: Path) -> Iterator[None]:
         for name, target in PAGES.items():
             ui.link(name, target).classes(f"text-white no-underline {'font-bold underline' if name == here else ''}")
         ui.space()
-        ui.label(folder.name).classes("text-sm opacity-80 break-all").tooltip(str(folder))
+        ui.label(escape_control(folder.name)).classes("text-sm opacity-80 break-all").tooltip(
+            escape_control(str(folder))
+        )
     with ui.column().classes("w-full max-w-screen-2xl mx-auto gap-4 p-2"):
         yield
 
@@ -49,35 +53,84 @@ def file_address(path: Path) -> str:
 def command_line(words: str) -> None:
     """The command line that does the same."""
     with ui.row().classes("w-full items-center bg-gray-100 rounded px-3 py-1"):
-        ui.label(words).classes("font-mono text-sm break-all").props('data-is="command"')
+        ui.label(escape_control(words)).classes("font-mono text-sm break-all").props('data-is="command"')
 
 
-def saved(folder: Path, name: str, text: str) -> Path:
-    """A text written to a file of the folder, whole or not at all.  Raises BadInput."""
-    path = inside(folder, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    whole = path.with_name(f".{path.name}.new")
-    whole.write_text(text, encoding="utf-8")
-    whole.replace(path)
-    return path
+async def save_text(folder: Path, name: str, text: str, opened: TextVersion | None) -> TextVersion | None:
+    """Write a TOML file as `write_text`, after a question where it replaces another; None if the user says no."""
+    try:
+        return write_text(folder, name, text, opened)
+    except ReplacesFile:
+        question = f"{escape_control(name)} exists already, and this page has not opened it."
+        if not await ask([question], "Replace it"):
+            return None
+        return write_text(folder, name, text, opened, replace=True)
+
+
+async def ask(lines: Sequence[str], consent: str) -> bool:
+    """A question in a window of its own: True only by a click on the button that says `consent`."""
+    with ui.dialog() as dialog, ui.card().props("role=alertdialog"):
+        for line in lines:
+            ui.label(line).classes("break-all")
+        with ui.row().classes("w-full justify-end"):
+            ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat no-caps autofocus")
+            ui.button(on_click=lambda: dialog.submit(True)).props("outline no-caps").set_text(consent)
+    answer = await dialog
+    dialog.delete()
+    return answer is True
+
+
+async def ask_to_run(programs: Sequence[Path], allowed: AllowedPrograms, trust: bool = False) -> bool:
+    """Whether effect files may run: asked about those that are new or changed, and about all with `--trust`."""
+    asked = list(programs) if trust else allowed.unconfirmed(programs)
+    if not asked and not trust:
+        return True
+    if not await ask(program_lines(asked, trust), "Run as a program" if len(asked) < 2 else "Run these programs"):
+        return False
+    allowed.allow(asked)
+    return True
+
+
+def program_lines(programs: Sequence[Path], trust: bool = False) -> list[str]:
+    """What the user has to know before effect files run."""
+    head = "With --trust these effect files run whoever wrote them." if trust else "These effect files would run."
+    none = "The case lists no effect file now; with --trust whatever it lists when it starts would run."
+    rule = "Each is a Python program and can do all that you can do on this computer.  Read it first."
+    return [head, *(escape_control(str(file)) for file in programs), rule] if programs else [none, rule]
 
 
 @contextmanager
-def when_it_fails(folder: Path | None = None) -> Iterator[None]:
-    """What is wrong with a file or a key is told where it was asked for, files by their names in the `folder`."""
+def show_errors(folder: Path | None = None) -> Iterator[None]:
+    """An error in a file or a key is shown where it was asked for, files by their names in the `folder`."""
     try:
         yield
     except (FlashtempError, OSError) as fault:
-        told(str(fault), folder)
+        show_error(str(fault), folder)
 
 
-def named(text: str, folder: Path | None) -> str:
+@contextmanager
+def refuse_damaged(file: Path) -> Iterator[None]:
+    """Whatever a library raises on reading a damaged or hostile file is BadInput about that file."""
+    try:
+        yield
+    except FlashtempError:
+        raise
+    except Exception as fault:  # readers of NetCDF, HDF5 and images raise nearly everything
+        raise BadInput(f"{file}: cannot be read ({type(fault).__name__}); make it again or remove it") from fault
+
+
+def escape_lines(text: str) -> str:
+    """A text of several lines in which nothing but its line ends acts on the page."""
+    return "\n".join(map(escape_control, text.splitlines()))
+
+
+def relative_names(text: str, folder: Path | None) -> str:
     """A text in which files of the folder go by their names there."""
     return text if folder is None else text.replace(f"{folder}{os.sep}", "")
 
 
-def told(text: str, folder: Path | None = None) -> None:
-    """A fault in words."""
+def show_error(text: str, folder: Path | None = None) -> None:
+    """An error in words."""
     with ui.column().classes("w-full bg-red-50 border-l-4 border-red-700 px-3 py-2 gap-0").props("role=alert"):
-        for line in named(text, folder).splitlines():
-            ui.label(line).classes("text-red-900 break-all")
+        for line in relative_names(text, folder).splitlines():
+            ui.label(escape_control(line)).classes("text-red-900 break-all")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from flashtemp.lab.folder import RESULTS, free_name, inside, listing
-from flashtemp.lab.jobs import Job, Jobs, shown
-from flashtemp.lab.shared import STANDARD, command_line, link, when_it_fails
-from flashtemp.runs.folders import owner
+from flashtemp.errors import BadInput
+from flashtemp.lab.folder import RESULTS, escape_control, free_name, inside, listing, read_owner
+from flashtemp.lab.jobs import LOGS, Job, Jobs, shown
+from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
+from flashtemp.lab.shared import STANDARD, ask_to_run, command_line, escape_lines, link, program_lines, show_errors
 
 COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")
 EVERY = 0.5  # s between looks at what runs
@@ -20,13 +22,16 @@ EVERY = 0.5  # s between looks at what runs
 class WorkPage:
     """A command with its file and words, and all that this server has started."""
 
-    def __init__(self, folder: Path, jobs: Jobs):
-        self.folder, self.jobs = folder, jobs
+    def __init__(self, folder: Path, jobs: Jobs, allowed: AllowedPrograms):
+        self.folder, self.jobs, self.allowed = folder, jobs, allowed
         self.cards: dict[int, Any] = {}
 
     def show(self, command: str, of: str) -> None:
         """The page, with a command and its file already chosen."""
-        begun = owner(self.folder / of) if of else None
+        begun = None
+        if of:
+            with show_errors(self.folder):
+                begun = read_owner(inside(self.folder, of))
         self.resumed = of if begun is not None and begun.command == "run" else ""
         with ui.card().classes("w-full"):
             with ui.row().classes("w-full items-end"):
@@ -63,19 +68,19 @@ class WorkPage:
     def words(self) -> list[str]:
         """The command line without `flashtemp`; a folder for its result is named where it needs one."""
         if self.resumed and self.of.value == self.resumed:
-            return ["run", "--resume", self.resumed]
-        command, of, more = self.command.value, self.of.value or "", shlex.split(self.more.value or "")
+            return ["run", "--resume", file_word(self.resumed)]
+        command, of, more = self.command.value, file_word(self.of.value or ""), shlex.split(self.more.value or "")
         if not of:
             return []
         path = Path(of)
-        name = (path.parent.name if path.name in STANDARD else "") or path.stem
+        name = ((path.parent.name if path.name in STANDARD else "") or path.stem).lstrip(".")
         out = [] if "--out" in more else ["--out", f"results/{free_name(self.folder / 'results', f'{name}-{command}')}"]
         return [command, of, *more, *out]
 
     def _changed(self) -> None:
-        """The command line as it stands now."""
+        """The command line as it stands now, and which effect files it would run."""
         self.line.clear()
-        with self.line, when_it_fails():
+        with self.line, show_errors(self.folder):
             try:
                 words = self.words()
             except ValueError as fault:  # a quote that is not closed
@@ -83,13 +88,19 @@ class WorkPage:
                 words = []
             self.start.set_enabled(bool(words))
             if words:
-                inside(self.folder, words[1])
+                inside(self.folder, words[2] if words[1] == "--resume" else words[1])
                 command_line(shown(words))
+                self._show_programs(words)
 
-    def _start(self) -> None:
-        (self.folder / "results").mkdir(exist_ok=True)
-        self.jobs.start(self.words())
-        self._changed()
+    def _show_programs(self, words: list[str]) -> None:
+        programs, trust = programs_of_command(words, self.folder), has_trust(words)
+        for line in program_lines(programs, trust) if programs or trust else ():
+            ui.label(line).classes("text-sm text-amber-900 break-all")
+
+    async def _start(self) -> None:
+        with self.line, show_errors(self.folder):
+            if await start_job(self.folder, self.jobs, self.allowed, self.words()):
+                self._changed()
         self._refresh()
 
     # --- what runs ---------------------------------------------------------------------------------------
@@ -98,7 +109,7 @@ class WorkPage:
         for job in reversed(self.jobs.all):
             if id(job) not in self.cards:
                 with self.list:
-                    self.cards[id(job)] = Card(self.folder, self.jobs, job)
+                    self.cards[id(job)] = Card(self.folder, self.jobs, self.allowed, job)
                 self.cards[id(job)].card.move(target_index=0)
         for card in self.cards.values():
             card.refresh()
@@ -107,11 +118,11 @@ class WorkPage:
 class Card:
     """One command that was started: its line, progress, words, and the ways on from it."""
 
-    def __init__(self, folder: Path, jobs: Jobs, job: Job):
-        self.folder, self.jobs, self.job, self.ended = folder, jobs, job, False
+    def __init__(self, folder: Path, jobs: Jobs, allowed: AllowedPrograms, job: Job):
+        self.folder, self.jobs, self.allowed, self.job, self.ended = folder, jobs, allowed, job, False
         with ui.card().classes("w-full gap-1") as self.card:
             with ui.row().classes("w-full items-center"):
-                ui.label(shown(job.words)).classes("font-mono text-sm grow break-all")
+                ui.label(escape_control(shown(job.words))).classes("font-mono text-sm grow break-all")
                 self.state = ui.badge("running").props('data-is="state"')
                 self.stop = ui.button("Stop", on_click=job.stop).props("flat dense")
             self.bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
@@ -125,8 +136,8 @@ class Card:
         if self.ended:
             return
         share, line = self.job.progress()
-        self.said.text = line
-        self.log.text = "\n".join(self.job.lines())
+        self.said.text = escape_control(line)
+        self.log.text = escape_lines("\n".join(self.job.lines()))
         self.state.text = self.job.state
         self.bar.value = share or 0.0
         self.bar.props(remove="indeterminate") if share is not None else self.bar.props("indeterminate")
@@ -146,9 +157,16 @@ class Card:
         elif self.job.code == 130 and self.job.words[0] == "run":
             begun = next((p for p, o in listing(self.folder).begun.items() if out and o.out == Path(out).name), None)
             if begun is not None:
-                ui.button("Go on", on_click=lambda: self.jobs.start(["run", "--resume", str(begun)])).props("outline")
+                self._go_on(["run", "--resume", file_word(str(begun))])
         elif self.job.code == 130:
-            ui.button("Go on", on_click=lambda: self.jobs.start(list(self.job.words))).props("outline")
+            self._go_on(list(self.job.words))
+
+    def _go_on(self, words: list[str]) -> None:
+        async def start() -> None:
+            with self.ways, show_errors(self.folder):
+                await start_job(self.folder, self.jobs, self.allowed, words)
+
+        ui.button("Go on", on_click=start).props("outline")
 
     def _out(self) -> str:
         words = self.job.words
@@ -156,3 +174,24 @@ class Card:
             begun = words[words.index("--resume") + 1]
             return begun.rsplit(".partial", 1)[0]
         return words[words.index("--out") + 1] if "--out" in words else ""
+
+
+def file_word(name: str) -> str:
+    """A file of the folder as a word of a command line that no command takes for an option.
+
+    >>> file_word("--trust"), file_word("case.toml"), file_word("")
+    ('./--trust', 'case.toml', '')
+    """
+    return f"./{name}" if name.startswith("-") else name
+
+
+async def start_job(folder: Path, jobs: Jobs, allowed: AllowedPrograms, words: list[str]) -> bool:
+    """Start a command, after a click of its own where effect files would run.  Raises BadInput."""
+    if not words or not await ask_to_run(programs_of_command(words, folder), allowed, has_trust(words)):
+        return False
+    for name in ("results", LOGS):  # the page writes there without being asked where
+        if os.path.islink(folder / name):
+            raise BadInput(f"{name}: a link; remove it, or make a folder of that name")
+    (folder / "results").mkdir(exist_ok=True)
+    jobs.start(words)
+    return True

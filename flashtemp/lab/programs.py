@@ -1,0 +1,118 @@
+"""Effect files are programs: which of them a case or a command would run, and which the user has allowed to."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from flashtemp.errors import BadInput
+from flashtemp.lab.folder import MAX_TOML_BYTES, inside
+from flashtemp.model.case_file import own_files
+
+CAMPAIGN_COMMANDS = ("compare", "discover", "plan")
+TRUST = "--trust"
+
+
+class AllowedPrograms:
+    """Effect files, each with its content, that the user of this server has allowed to run."""
+
+    def __init__(self) -> None:
+        self._allowed: set[tuple[Path, str]] = set()
+
+    def allow(self, files: Iterable[Path]) -> None:
+        """The user has said that these files may run as they are now."""
+        self._allowed |= {(file, _digest(file)) for file in files}
+
+    def unconfirmed(self, files: Iterable[Path]) -> list[Path]:
+        """Those files that the user has not been asked about, or that have changed since."""
+        return [file for file in files if (file, _digest(file)) not in self._allowed]
+
+
+def has_trust(words: Sequence[str]) -> bool:
+    """Whether a command line lets effect files of others run.
+
+    >>> has_trust(["run", "case.toml", "--trust"]), has_trust(["run", "case.toml", "--trust=true"]), has_trust(["run"])
+    (True, True, False)
+    """
+    return any(word == TRUST or word.startswith(f"{TRUST}=") for word in words)
+
+
+def programs_of_text(text: str, folder: Path) -> list[Path]:
+    """Effect files that a case with this text in `folder` lists; none where it is no TOML."""
+    return [_resolve(folder / name) for name in own_files(_parse(text))]
+
+
+def programs_of_campaign(text: str, folder: Path) -> list[Path]:
+    """Effect files that the case of a campaign with this text in `folder` lists.  Raises BadInput."""
+    case = _parse(text).get("case", "case.toml")
+    return programs_of_case(folder / case) if isinstance(case, str) else []
+
+
+def programs_of_case(case: Path) -> list[Path]:
+    """Effect files that a case, a folder with a case.toml or a .toml file, lists.  Raises BadInput."""
+    file = case / "case.toml" if case.is_dir() else case
+    return programs_of_text(_read(file), file.parent)
+
+
+def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
+    """Effect files that `flashtemp words...` would run in `folder`.  Raises BadInput for a file outside of it."""
+    if "--resume" in words:
+        return programs_of_case(inside(folder, words[words.index("--resume") + 1]))
+    if len(words) < 2:
+        return []
+    path = inside(folder, words[1])
+    if words[0] in CAMPAIGN_COMMANDS:
+        file = path / "campaign.toml" if path.is_dir() else path
+        return programs_of_campaign(_read(file), file.parent)
+    home = path if path.is_dir() else path.parent
+    changed = [_resolve(home / name) for word in words[2:] for name in _python_files(word)]
+    return list(dict.fromkeys([*programs_of_case(path), *changed]))
+
+
+def _python_files(word: str) -> list[str]:
+    """Names of Python files in an override as it is typed: effects=["./fan.py"], or effects=./a.py,./b.py in a sweep.
+
+    >>> _python_files('effects=["wear", "./fan.py"]'), _python_files("friction.mu=0.8")
+    (['./fan.py'], [])
+    """
+    _, _, value = word.partition("=")
+    return [name for name in re.split(r"""[\[\]"',;]+""", value) if name.strip().endswith(".py")]
+
+
+def _resolve(file: Path) -> Path:
+    """A path with its links followed, as it stands where it cannot be one."""
+    try:
+        return file.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return file
+
+
+def _read(file: Path) -> str:
+    """The text of a TOML file, "" where there is none that a command would read.  Raises BadInput."""
+    try:
+        if not file.is_file():
+            return ""
+        if file.stat().st_size > MAX_TOML_BYTES:
+            raise BadInput(f"{file}: larger than {MAX_TOML_BYTES // 2**20} MiB; start that from the command line")
+        return file.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return ""
+
+
+def _parse(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _digest(file: Path) -> str:
+    """SHA-256 of a file's content, "" where it cannot be read."""
+    try:
+        return sha256(file.read_bytes()).hexdigest()
+    except (OSError, ValueError):
+        return ""

@@ -1,14 +1,21 @@
-"""The command line: `flashtemp COMMAND`.  What takes time to load is loaded inside `main`, where Ctrl-C is answered."""
+"""The command line: `flashtemp COMMAND`.  What takes time to load is loaded inside `main`, where Ctrl-C is answered.
 
-from __future__ import annotations
+`python -m flashtemp` searches the current folder first, where a stranger's files may lie; from here on it does not.
+"""
+# ruff: noqa: E402  what stands before the imports keeps them from the current folder
 
 import os
 import sys
+
+PROGRAM_FOLDER = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != PROGRAM_FOLDER:
+    del sys.path[0]
 
 from flashtemp.cli.ending import DONE, ended
 from flashtemp.cli.interrupts import interruptible
 from flashtemp.cli.log_file import logged, split
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.runs.current_folder import leave_current_folder_out
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -16,7 +23,9 @@ def main(argv: list[str] | None = None) -> int:
 
     With --log FILE everything that is said goes to the end of that file too.
     """
-    if argv is None:  # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
+    if argv is None:
+        leave_current_folder_out()
+        # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, "1")
         for stream in (sys.stdout, sys.stderr):  # a title may hold letters that the terminal's code page has not
@@ -36,6 +45,8 @@ def _ended(asked: list[str], last: bool) -> int:
     try:
         with interruptible(last) as interrupts:
             try:
+                if last:
+                    _ignore_local_settings()
                 return _run([word for word in asked if word != "--debug"], debug)
             except Exception as fault:
                 if interrupts.seen and not isinstance(fault, FlashtempError):  # an interrupt in another's clothes
@@ -50,6 +61,12 @@ def _ended(asked: list[str], last: bool) -> int:
 
             traceback.print_exc()
         return ended(fault)
+
+
+def _ignore_local_settings() -> None:
+    from flashtemp.physics.local_settings import ignore_local_settings
+
+    ignore_local_settings()
 
 
 def _run(words: list[str], debug: bool) -> int:

@@ -19,7 +19,9 @@ from pathlib import Path
 from typing import IO, cast
 
 from flashtemp import viz
+from flashtemp.physics.local_settings import ignore_local_settings
 from flashtemp.runs import processes
+from flashtemp.runs.current_folder import make_python_command
 from flashtemp.viz import Picture
 
 AFTER = 1.0  # s of march; a shorter run has drawn its pictures before a second process is awake
@@ -86,8 +88,7 @@ class Painter:
 
 def _begun() -> subprocess.Popen[bytes] | None:
     """The second process, which finds modules where this one does; None where none can be begun."""
-    command = [sys.executable, "-P", "-m", __name__]
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command, env = make_python_command("-m", __name__)
     pipe, quiet = subprocess.PIPE, subprocess.DEVNULL
     try:
         return subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=quiet, **processes.deaf())
@@ -128,6 +129,7 @@ def serve() -> None:
     """Load what drawing needs; then draw what comes until nothing more does."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
+    ignore_local_settings()
     for module in {*viz.PICTURES, *viz.ANIMATIONS}:
         import_module(f"flashtemp.viz.{module}")
     with suppress(EOFError, BrokenPipeError):

@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 
+from flashtemp.runs.current_folder import make_python_command
+
 CHOICE = "VTK_DEFAULT_OPENGL_WINDOW"
 MISSING = "libegl1 libegl-mesa0 libgl1-mesa-dri (or libosmesa6 alone)"
 TRIAL = "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(return_img=True)"
@@ -37,8 +39,9 @@ def _loads(library: str) -> bool:
 
 
 def _draws() -> bool:
-    """Draw a few pixels in a child process, which VTK may end by a signal."""
+    """Draw a few pixels in a child process, which VTK may end by a signal; no settings lie where it starts."""
+    command, env = make_python_command("-c", TRIAL)
     try:
-        return subprocess.run([sys.executable, "-c", TRIAL], capture_output=True, timeout=120).returncode == 0
+        return subprocess.run(command, env=env, cwd=sys.prefix, capture_output=True, timeout=120).returncode == 0
     except subprocess.TimeoutExpired:
         return False

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-import stat
 from pathlib import Path
+
+from flashtemp.physics.permissions import describe_other_writer
 
 REMEDY = "read that file; then add --trust, or copy case and file into a folder of your own"
 
@@ -12,19 +13,25 @@ REMEDY = "read that file; then add --trust, or copy case and file into a folder 
 def refusal(case_file: Path, folder: Path, file: Path) -> str | None:
     """Why an effect file of a case may not run without the user's word, or None.
 
-    It may when it lies in the `folder` of the case or below, and folder, case file and effect file all belong to the
-    user who runs this and cannot be written by everybody.  That tells who put the files there, not who wrote them.
+    It may when nobody else can have written it or put it there, by the rule of OpenSSH's StrictModes:
+
+    - it lies in the `folder` of the case or below;
+    - the case file, the effect file, the folder of the case and all below it belong to the user who runs this;
+    - every folder and link above, up to the root, belongs to the user or to root;
+    - nobody else may write any of these, as everybody, as a member of a group, or by an access list.  A group that is
+      the user's alone is nobody else.  A sticky folder (/tmp) may lie above the folder of the case.
+
+    That tells who put the files there, not who wrote them.
     """
     home, real = folder.resolve(), file.resolve()
     if not real.is_relative_to(home):
         return f"{file} would run as a program and lies outside the folder of the case; {REMEDY}"
     if not hasattr(os, "geteuid"):
         return f"{file} would run as a program, and this system does not tell whose it is; {REMEDY}"
-    written = [case_file.resolve()] if case_file.is_file() else []  # a case may have been made in Python
-    for path in dict.fromkeys((*written, home, real, real.parent)):
-        state = path.stat()
-        if state.st_uid != os.geteuid():
-            return f"{file} would run as a program, and {path} belongs to another user; {REMEDY}"
-        if state.st_mode & stat.S_IWOTH:
-            return f"{file} would run as a program, and everybody may write {path}; {REMEDY}"
+    checked = [(file, home)]
+    if case_file.is_file():  # a case may have been made in Python
+        checked.append((case_file, case_file.resolve()))
+    for path, own_from in checked:
+        if why := describe_other_writer(path, own_from):
+            return f"{file} would run as a program, and {why}; {REMEDY}"
     return None

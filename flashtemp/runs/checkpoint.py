@@ -46,7 +46,8 @@ def save(work: Path, p: Progress) -> None:
 
 
 def _image(work: Path, p: Progress) -> bytes:
-    with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
+    place = work / f".{CHECKPOINT}.image"  # never written, but HDF5 opens what has this name
+    with h5py.File(place, "w", driver="core", backing_store=False) as file:
         file.attrs.update(
             {
                 "t": p.t,
@@ -109,7 +110,8 @@ def load(work: Path) -> Progress:
             raise BadInput(f"--resume: {file} is damaged; start the run anew")
         with h5py.File(io.BytesIO(data[HEAD:])) as held:
             if held.attrs["case"] != _fingerprint(work):
-                raise BadInput(f"--resume: {work / 'case.toml'} was changed since the run; restore it or start anew")
+                changed = f"{work / 'case.toml'} or a file in inputs was changed since the run"
+                raise BadInput(f"--resume: {changed}; restore it or start anew")
             found = _progress(held, work)
     except (OSError, KeyError, ValueError) as fault:
         raise BadInput(f"--resume: {file} is damaged ({' '.join(str(fault).split())}); start the run anew") from fault
@@ -119,12 +121,13 @@ def load(work: Path) -> Progress:
 
 
 def _fingerprint(work: Path) -> str:
-    """Of the case and all files that it names."""
-    seen = hashlib.sha256((work / "case.toml").read_bytes())
+    """Digest of the case and of all files that it names, with their names."""
+    digest = hashlib.sha256((work / "case.toml").read_bytes())
     for path in sorted((work / "inputs").rglob("*")):
         if path.is_file() and path.suffix != ".pyc":
-            seen.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
-    return seen.hexdigest()
+            digest.update(path.relative_to(work / "inputs").as_posix().encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def _described(dtype: np.dtype | None) -> str:

@@ -110,6 +110,8 @@ def interrupted(folder: Path) -> tuple[Path, Path]:
     """The working folder of an interrupted run and the result that it is to become, from the name of either."""
     if folder.name in ("", ".."):  # '.' has no name of its own
         folder = folder.resolve()
+    if not folder.name:
+        raise BadInput(f"--resume: {folder}: no folder of a run; give the folder of an interrupted run")
     name, cut, _ = folder.name.rpartition(".partial")
     if cut and (folder / CHECKPOINT).is_file():
         return folder, folder.with_name(name)

@@ -61,13 +61,17 @@ def touching_regions(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RoadSpectrum(Shown):
-    """C(q) of a `file` at `points`; `missing` share of its heights, and the rms height (m) of the `line` itself."""
+    """C(q) of a `file` at `points`, with `notes` on its reading.
+
+    `missing` is the fraction of its heights without a value, `line` the rms height (m) of a line itself.
+    """
 
     file: Path
     points: Points
     summary: measured_roughness.Summary
     missing: float
     line: float | None = None
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
@@ -100,7 +104,8 @@ def power_spectrum(
 ) -> RoadSpectrum:
     """The power spectrum of a height map, or of a line (`profile`), up to wavelengths of `highpass` m.
 
-    `pixel` (m): distance of the points of a file that holds nothing but heights.  Raises BadInput.
+    A file that states itself to be a line scan, with units, needs no `profile`.  `pixel` (m): distance of the points
+    of a file that holds nothing but heights.  Raises BadInput.
     """
     for name, value in {"highpass": highpass, "pixel": pixel}.items():
         if value is not None and not 0.0 < value < float("inf"):
@@ -109,7 +114,7 @@ def power_spectrum(
         raise BadInput(f"{file}: not found; give a file of heights")
     library()
     longest = float("inf") if highpass is None else highpass
-    heights, step = _heights(file, profile, pixel)
+    heights, step, notes = _heights(file, profile, pixel)
     heights = measured_roughness.without_spikes(heights)
     missing, line = float((heights != heights).mean()), None
     if heights.ndim == 1:
@@ -117,18 +122,26 @@ def power_spectrum(
         line = measured_roughness.profile_height(heights, step, longest)
     else:
         points = measured_roughness.of_topography(heights, step, longest)
-    return RoadSpectrum(file, points, measured_roughness.Summary.of(points), missing, line)
+    return RoadSpectrum(file, points, measured_roughness.Summary.of(points), missing, line, notes)
 
 
-def _heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray, Any]:
-    """Heights in m, (n,) of a line or (nx, ny), missing ones nan, and their distance in m."""
+def _heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray, Any, tuple[str, ...]]:
+    """Heights in m, (n,) of a line or (nx, ny), missing ones nan, their distance in m, and notes on reading."""
     if pixel is not None:
-        return _bare(file, profile), pixel
+        return _bare(file, profile), pixel, ()
     if profile:
-        return measured_roughness.read_profile(file)
-    road = _area(file)
+        scan = measured_roughness.read_line_scan(file)
+        return scan.heights, scan.step, scan.notes
+    try:
+        road = _area(file)
+    except BadInput as fault:
+        try:
+            scan = measured_roughness.read_line_scan(file, stated=True)
+        except BadInput:
+            raise fault from fault.__cause__
+        return scan.heights, scan.step, scan.notes
     heights = np.ma.filled(np.ma.asarray(road.heights()).astype(float), np.nan)
-    return heights, tuple(s / n for s, n in zip(road.physical_sizes, heights.shape, strict=True))
+    return heights, tuple(s / n for s, n in zip(road.physical_sizes, heights.shape, strict=True)), ()
 
 
 def _bare(file: Path, profile: bool) -> np.ndarray:

@@ -12,7 +12,6 @@ mean of that over its own stretch of s.
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,9 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError, nearest, short
-from flashtemp.physics import bounded_reading
-from flashtemp.physics.interpolation import rows
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.physics.tables.header import split_label
+from flashtemp.physics.tables.table import read_table
+from flashtemp.physics.tables.wanted import FRICTION, WantedColumn, read_wanted
 from flashtemp.runs.relaxation_fit import Fit, Record, without
 from flashtemp.showing import Sheet, Shown
 
@@ -33,6 +33,9 @@ LEVEL = 0.95
 SURE = 0.99  # before it is said that the values are no exponential
 TREND = 2  # numbers that a relaxation has more than a constant
 CURVES, HEADER = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
+REPETITION = WantedColumn("repetition", "1", "repetition")
+SLID = WantedColumn("slid distance", "m", "slid")
+SIGMA = WantedColumn("standard deviation", "1", "sigma")
 
 
 @dataclass(frozen=True, repr=False)
@@ -283,11 +286,10 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
 
 
 def _measured(path: Path, distance: float | None) -> Record:
-    names = _columns(path)
-    table = dict(zip(names, rows(path.name, path.parent, "SOURCE", len(names)).T, strict=True))
+    table = _read_columns(path)
     if len(table["mu"]) > MOST:
         raise BadInput(f"{path}: mu: {len(table['mu'])} rows; give means over repetitions, at most {MOST}")
-    place = "repetition" if "repetition" in names else "slid_m"
+    place = "repetition" if "repetition" in table else "slid_m"
     at, value, sigma = table[place], table["mu"], table.get("sigma")
     _check(path, place, at, np.diff(at, prepend=-1.0) > 0, "rise from row to row, 0 or more")
     if sigma is not None:
@@ -310,17 +312,21 @@ def _check(path: Path, column: str, values: np.ndarray, good: np.ndarray, must: 
         raise BadInput(f"{path}: {column}: {values[k]:g} in row {k + 1}; it must {must}")
 
 
-def _columns(path: Path) -> list[str]:
-    """The header of a CSV file."""
-    try:
-        lines = csv.reader(bounded_reading.lines(bounded_reading.raw(path, str(path)).decode("utf-8-sig"), str(path)))
-        cells = next(([c.strip() for c in line] for line in lines if line and not line[0].strip().startswith("#")), [])
-    except (UnicodeDecodeError, csv.Error) as fault:
-        raise BadInput(f"{path}: not a text file; give a CSV file with columns {HEADER}") from fault
-    known = ("repetition", "slid_m", "mu", "sigma")
-    for name in cells:
+def _read_columns(path: Path) -> dict[str, np.ndarray]:
+    """Repetition or slid distance (m), mu and perhaps sigma of a CSV file, by the names in its header."""
+    if not path.is_file():
+        raise BadInput(f"SOURCE: file '{path.name}' not found in {path.parent}; give a CSV file with columns {HEADER}")
+    table = read_table(path, str(path))
+    if not table.has_header:
+        raise BadInput(f"{path}: no names of columns; write the header {HEADER}")
+    known = {"repetition": REPETITION, "slid_m": SLID, "mu": FRICTION, "sigma": SIGMA}
+    found: dict[str, WantedColumn] = {}
+    for column in table.columns:
+        name = "slid_m" if split_label(column.label, "m")[0] == "slid" else column.label
         if name not in known:
             raise BadInput(f"{path}: column '{short(name)}'{nearest(name, known)}; write the header {HEADER}")
-    if "mu" not in cells or ("repetition" in cells) == ("slid_m" in cells) or len(set(cells)) < len(cells):
-        raise BadInput(f"{path}: header '{short(','.join(cells))}'; write {HEADER}")
-    return cells
+        found[name] = known[name]
+    if "mu" not in found or ("repetition" in found) == ("slid_m" in found) or len(found) < len(table.columns):
+        labels = ",".join(c.label for c in table.columns)
+        raise BadInput(f"{path}: header '{short(labels)}'; write {HEADER}")
+    return dict(zip(found, read_wanted(table, list(found.values())).T, strict=True))

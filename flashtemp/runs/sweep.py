@@ -14,7 +14,8 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
-from flashtemp.model import case_file, schema, units
+from flashtemp.model import case_file, schema
+from flashtemp.physics import units
 from flashtemp.runs.kept_points import computed, resumable
 from flashtemp.showing import Sheet, Shown
 from flashtemp.solver.march import march
@@ -86,7 +87,7 @@ class Swept(Shown):
         (folder / "sweep.nc").write_bytes(bytes(self.dataset.to_netcdf(engine="h5netcdf")))
         (folder / "case.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
         why = [self.failed.get(i, "") for i in range(len(frame))]
-        frame.assign(failed=why).to_csv(folder / "sweep.csv", index=False)
+        frame.assign(failed=why).to_csv((folder / "sweep.csv").absolute(), index=False)  # pandas expands ~
 
     def __str__(self) -> str:
         """How much, how far the temperature went, what failed."""
@@ -149,7 +150,7 @@ def plan(
         )
 
     def plain(key: str, value: Any) -> Any:
-        return made({key: value})[key] if units.meant(value) else value
+        return made({key: value})[key] if units.looks_like_quantity(value) else value
 
     swept = {key: tuple(plain(key, v) for v in values) for key, values in axes.items()}
     if not swept:

@@ -156,7 +156,8 @@ def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: di
 @contextmanager
 def in_memory(path: Path):
     """An HDF5 file built in memory and written in one go: a full disk raises OSError, nothing worse."""
-    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+    name = path.with_name(f".{path.name}.image")  # never written, but HDF5 opens what has this name
+    with h5py.File(name, "w", driver="core", backing_store=False) as file:
         yield file
         file.flush()
         image = file.id.get_file_image()

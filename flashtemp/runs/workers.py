@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.runs.current_folder import safe_children
 from flashtemp.runs.processes import cores
 
 PATIENCE = 2  # times that processes may be killed one after the other without an answer between
@@ -101,20 +102,21 @@ def _pool(count: int):
 
     context = get_context("spawn")
     held, leash = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(held,))
-    try:
-        with _deaf():
-            for _ in range(count):  # each of them begins one process
-                pool.submit(int)
-        yield pool
-    except BaseException:
-        leash.close()
-        pool.shutdown(cancel_futures=True)
-        raise
-    finally:
-        pool.shutdown()
-        leash.close()
-        held.close()
+    with safe_children():  # also for the resource tracker, which the pool begins
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(held,))
+        try:
+            with _deaf():
+                for _ in range(count):  # each of them begins one process
+                    pool.submit(int)
+            yield pool
+        except BaseException:
+            leash.close()
+            pool.shutdown(cancel_futures=True)
+            raise
+        finally:
+            pool.shutdown()
+            leash.close()
+            held.close()
 
 
 @contextmanager
@@ -133,7 +135,10 @@ def _deaf() -> Iterator[None]:
 
 
 def _begin(held) -> None:
-    """In a new process: one thread of arithmetic, one that waits for the parent's end, and no ear for Ctrl-C."""
+    """In a new process: one thread of arithmetic, one that waits for the parent's end, and no ear for Ctrl-C.
+
+    Settings files of the current folder are not for it either.
+    """
     import signal
     import threading
 
@@ -142,6 +147,9 @@ def _begin(held) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     threading.Thread(target=_follow, args=(held,), daemon=True).start()
+    from flashtemp.physics.local_settings import ignore_local_settings
+
+    ignore_local_settings()
 
 
 def _follow(held) -> None:

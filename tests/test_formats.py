@@ -16,8 +16,8 @@ import tifffile
 
 from flashtemp.camera.files import read
 from flashtemp.camera.formats import clean_text
-from flashtemp.camera.formats import text as text_format
-from flashtemp.camera.formats.cells import numeric
+from flashtemp.camera.formats.cells import numeric, parsed
+from flashtemp.camera.formats.text_layout import read_layout
 from flashtemp.camera.radiometry import ObjectParameters, Planck, apparent_counts
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
@@ -326,9 +326,10 @@ def test_plain_text_is_read_at_once_and_as_carefully(kind):
             assert number, "nothing was unusual"
             continue
         quick += 1
-        header, values, _, comma = text_format._careful(said, None)
-        assert (list(filter(None, header)), comma) == (list(filter(None, found[0])), found[3])
-        np.testing.assert_array_equal(found[1], values)
+        layout = read_layout(said.splitlines(), None, said[-1] in "\r\n")
+        header = [line for number, line in layout.others if line and number < layout.blocks[0].lines[0]]
+        assert (header, layout.comma) == (list(filter(None, found[0])), found[3])
+        np.testing.assert_array_equal(found[1], parsed(layout.rows, layout.separator, layout.comma))
     assert quick > 15, "some letters change a number into another"
 
 

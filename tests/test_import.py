@@ -276,10 +276,10 @@ def test_files_must_be_alike(tmp_path, image):
 
 
 def test_files_of_two_units_are_told(tmp_path, image):
-    """Kelvin has to be said, and then degC is 273 K too cold."""
+    """Kelvin has to be said, and then a file in degC is 273 K too cold."""
     kelvin = write(tmp_path / "kelvin.csv", seen(straight()) + 273.15)
     for names in ([image, kelvin], [kelvin, image]):
-        with pytest.raises(BadInput, match=f"{names[1].name}: values around .* one is in degC and the other in kelvin"):
+        with pytest.raises(BadInput, match=r"a\.csv: unit: values of .* in K would be -2.* degC; correct --unit"):
             made(names, unit="K")
     assert made([kelvin, kelvin], unit="K", fps=1.0).frames == 2
 

@@ -188,7 +188,7 @@ def spectrum(
     pixel: float | None = None,
     out: str | Path | None = None,
 ) -> RoadSpectrum:
-    """The power spectrum C(q) of a measured road: a height map, or a line where `profile` is set.
+    """The power spectrum C(q) of a measured road: a height map, or a line where `profile` is set or the file says so.
 
     `highpass`: longest wavelength that counts, m; `pixel`: distance of bare heights, m.  `out`: a .csv for
     persson_friction.spectrum, with a picture beside it.  Raises BadInput.

@@ -48,8 +48,9 @@ LATER = 50  # pieces without any temperature that may come first
 class Unsaid:
     """What a file may not say: `scale` and `offset` (degC) of counts, `unit`, `variable`, `decimal`, `below` (degC).
 
-    `rows` of a text file that holds a part of an image.  `parameters` and `planck` go before what a radiometric file
-    says itself; `every`: keep one frame of so many; `limit`: GB of memory that one file may take.
+    `rows` of a text file that holds a part of an image, `labels` around it ("none", "columns", "rows", "both").
+    `parameters` and `planck` go before what a radiometric file says itself; `every`: keep one frame of so many;
+    `limit`: GB of memory that one file may take.
     """
 
     scale: float | None = None
@@ -59,6 +60,7 @@ class Unsaid:
     decimal: str | None = None
     below: float | None = None
     rows: int | None = None
+    labels: str | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     planck: Planck | None = None
     every: int = 1
@@ -175,9 +177,9 @@ def _in_one(path: Path, source: Source, start: bytes, known: Unsaid, linear: dic
         yield tiff.read_png(_whole(source, known), limit=known.limit, **linear)
     else:
         _refuse(path, start)
-        if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        if not text.is_text(start):
             raise BadInput(text.NO_TEXT)
-        said = {"unit": known.unit, "below": known.below, "decimal": known.decimal, "rows": known.rows}
+        said = {k: getattr(known, k) for k in ("unit", "below", "decimal", "rows", "labels")}
         yield text.read(_whole(source, known, text.PER_BYTE), **said, **linear)
 
 

@@ -10,6 +10,14 @@ from pathlib import Path
 from flashtemp.camera.import_options import Facts, load
 from flashtemp.errors import BadInput
 
+COPY_WORD = r"(?:copy|kopie|copie|copia|cópia|kopia|kopi|kopija|másolat)"
+COPY = re.compile(  # what Windows, macOS, browsers and Linux add to the name of a copy
+    rf"(?: [-–] {COPY_WORD}(?: ?\((?P<a>\d+)\))?| {COPY_WORD}(?: (?P<b>\d+))?"
+    rf"| ?\((?:(?:another|(?P<c>\d+)(?:st|nd|rd|th|\.)) )?{COPY_WORD}\)| ?\((?P<d>\d+)\))$",
+    re.IGNORECASE,
+)
+ORDINALS = {"another": 2}  # of copies that Linux names in words
+SHOWN = 6  # files that a note on their order names
 NO_CAMERA_FILE = {".toml", ".md", ".nc", ".xml", ".ini", ".py"}  # not taken out of a folder by itself
 
 
@@ -48,7 +56,8 @@ def target(out: Path, overwrite: bool = False) -> Path:
 def found(names: Sequence[str], folder: Path = Path()) -> list[Path]:
     """Files of names, patterns and folders in the order given; those of one pattern or folder by name.
 
-    So are files of one folder that follow each other: a shell hands img10 over before img2.  Raises BadInput.
+    So are files of one folder that follow each other: a shell hands img10 over before img2, and "img (1)" before "img".
+    Raises BadInput.
     """
     groups: list[list[Path]] = []
     single = False  # whether the last group is of files given one by one
@@ -64,7 +73,7 @@ def found(names: Sequence[str], folder: Path = Path()) -> list[Path]:
         groups.append([path] if some is None else some)
     if not groups:
         raise BadInput("no camera files; give files, a folder or a recording template (.toml)")
-    return [path for group in groups for path in sorted(group, key=_by_number)]
+    return [path for group in groups for path in sorted(group, key=_order)]
 
 
 def _some(path: Path) -> list[Path] | None:
@@ -78,6 +87,47 @@ def _some(path: Path) -> list[Path] | None:
     return [p for p in root.glob(str(path.relative_to(path.anchor))) if p.is_file()]
 
 
-def _by_number(path: Path) -> list[int | str]:
-    """Names in order of the numbers in them."""
-    return [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(path))]
+def _natural(text: str) -> tuple[int | str, ...]:
+    """A text with its numbers as numbers: words at even places, numbers at odd ones."""
+    return tuple(int(t) if k % 2 else t for k, t in enumerate(re.split(r"(\d+)", text.casefold())))
+
+
+def split_copies(stem: str) -> tuple[str, tuple[int, ...]]:
+    """A file's name without the marks of copies at its end, and the number of each copy.
+
+    >>> split_copies("IMG_7"), split_copies("IMG_7 (2)"), split_copies("IMG_7 - Copy (3)"), split_copies("IMG_7 copy")
+    (('IMG_7', ()), ('IMG_7', (2,)), ('IMG_7', (3,)), ('IMG_7', (1,)))
+    """
+    marks: list[int] = []
+    while mark := COPY.search(stem):
+        nth = next((n for word, n in ORDINALS.items() if word in mark[0].lower()), 1)
+        marks.insert(0, int(mark["a"] or mark["b"] or mark["c"] or mark["d"] or nth))
+        stem = stem[: mark.start()]
+    return stem, tuple(marks)
+
+
+def _order(path: Path) -> tuple:
+    """The place of a file among others: numbers count as numbers, a copy comes after what it is a copy of."""
+    base, copies = split_copies(path.stem)
+    return _natural(path.parent.as_posix()), _natural(base), copies, path.suffix.casefold(), path.name
+
+
+def describe_order(files: Sequence[Path]) -> list[str]:
+    """Notes on the order of files where their names alone do not make it plain; empty where they do."""
+    bases = [split_copies(path.stem) for path in files]
+    originals, folders = set(bases), {path.parent for path in files}
+    places = [(path.parent, *base, path.suffix.casefold()) for path, base in zip(files, bases, strict=True)]
+    reasons = []
+    if len(folders) > 1 and len({path.name for path in files}) < len(files):
+        reasons.append("files of one name in different folders, in the order in which the folders were given")
+    if len(set(places)) < len(places):
+        reasons.append("copies that are numbered alike, in the order of their names")
+    elif any(copies and (base, ()) in originals for base, copies in bases):
+        reasons.append("copies after the file that they bear the name of")
+    if len({re.sub(r"\d+", "0", base.casefold()) for base, _ in bases}) > 1:
+        reasons.append("names of different patterns, in the order of their names")
+    if not reasons:
+        return []
+    some = ", ".join(path.name if len(folders) == 1 else path.as_posix() for path in files[:SHOWN])
+    more = f" and {len(files) - SHOWN} more" if len(files) > SHOWN else ""
+    return [f"order of the files: {some}{more} ({'; '.join(reasons)})"]

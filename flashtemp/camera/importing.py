@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import files, geometry, logger_tables, timing
+from flashtemp.camera import files, geometry, thermocouple_files, timing
 from flashtemp.camera.import_options import Facts, option
+from flashtemp.camera.import_request import describe_order
 from flashtemp.camera.masks import masked
 from flashtemp.camera.placement import check_seen
 from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
@@ -87,9 +88,11 @@ def recorded(
     """
     _sane(facts)
     if facts.view == "points":
-        return Imported(*logger_tables.recorded(names, facts), tuple(names), facts.outline)
+        return Imported(*thermocouple_files.read_recording(names, facts), tuple(names), facts.outline)
     if facts.places is not None:
         raise BadInput("places: belong to thermocouples; give --view points with them")
+    if facts.time_column is not None:
+        raise BadInput("time_column: belongs to thermocouples; give --view points with it")
     return _of_images(_thinned(names, facts), facts, told, folder)
 
 
@@ -140,6 +143,7 @@ def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], fold
     assert place is not None
     if len(names) > 1:
         notes[0] = f"{len(names)} files, the first: {notes[0]}"
+        notes += describe_order(names)
     elif seen[0][1].count > len(first[1].temperature):
         notes.append(f"{seen[0][1].count} frames in all")
     if outside:
@@ -226,7 +230,7 @@ def _given(facts: Facts) -> dict[str, float]:
 
 
 def _read(path: Path, facts: Facts) -> Iterator[Frames]:
-    names = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "limit")
+    names = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
     same = {k: getattr(facts, k) for k in names}
     planck = None if facts.planck is None else Planck(*facts.planck)
     return files.pieces(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from flashtemp.camera import files
 from flashtemp.camera.import_options import Facts
+from flashtemp.camera.import_request import describe_order
 from flashtemp.camera.radiometry import Planck
 from flashtemp.camera.raw_frames import UNSCALED, Frames, ScaleMissing
 from flashtemp.errors import BadInput
@@ -20,7 +21,7 @@ from flashtemp.showing import Sheet, Shown
 KEPT = 6  # frames that are shown
 BINS = 120  # of the histogram
 COUNTED = "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
-UNSAID = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "limit")
+UNSAID = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,6 +160,7 @@ def looked(
             told(f"{done} of {len(names)} files read")
     if first is None or dead is None:
         raise BadInput("no camera files; give files or a folder of them")
+    notes += describe_order(names)
     shown, images = kept.chosen()
     number_of, edges = counted.over()
     return Look(

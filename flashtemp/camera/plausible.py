@@ -70,10 +70,13 @@ def temperatures(T: np.ndarray) -> None:
         )
 
 
-def matrix(values: np.ndarray, stated: tuple[int | None, int | None], rows_said: int | None) -> None:
+def matrix(
+    values: np.ndarray, stated: tuple[int | None, int | None], rows_said: int | None, labels_said: bool = False
+) -> None:
     """BadInput where a text matrix (rows, columns) is no whole image.
 
-    `stated` rows and columns of its header, None where unsaid; `rows_said` by a person for a part of it, 0: any.
+    `stated` rows and columns of its header, None where unsaid; `rows_said` by a person for a part of it, 0: any;
+    `labels_said`: a person said which lines are labels.
     """
     rows, columns = values.shape
     if columns < FEWEST or rows > LONGEST * columns or max(rows, columns) > MOST_SIDE:
@@ -82,7 +85,12 @@ def matrix(values: np.ndarray, stated: tuple[int | None, int | None], rows_said:
             " or --view points with a logger's table"
         )
     steps = np.diff(values[:, :2], axis=0)
-    if rows >= FEWEST and steps[0, 0] != 0 and np.ptp(steps[:, 0]) <= 1e-6 * abs(steps[0, 0]) < np.ptp(steps[:, 1]):
+    if (
+        not labels_said
+        and rows >= FEWEST
+        and steps[0, 0] != 0
+        and np.ptp(steps[:, 0]) <= 1e-6 * abs(steps[0, 0]) < np.ptp(steps[:, 1])
+    ):
         raise BadInput("its first column counts evenly, as times or row numbers do; remove it if the rest is an image")
     wanted = tuple(s if s is not None else n for s, n in zip(stated, (rows, columns), strict=True))
     if wanted != (rows, columns):

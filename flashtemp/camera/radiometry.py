@@ -18,6 +18,9 @@ RANGES = {  # attribute: lowest, highest value, unit
     "window": (0.01, 1.0, ""),
     "window_temperature": (-273.0, 3000.0, "degC"),
 }
+USUAL_DISTANCE_M = 100.0  # up to which constants of the air must make sense
+PATH_STEPS = 8  # parts of the path, even in its square root, after which the air's transmission is looked at
+ROUNDING = 1e-6  # of a transmission: constants are stored in single precision
 
 
 @dataclass(frozen=True)
@@ -92,25 +95,25 @@ class ObjectParameters:
         for name, (low, high, unit) in RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise BadInput(f"{name}: {getattr(self, name):g}; give {low:g} to {high:g} {unit}".rstrip())
-        if not 0 < self.transmission <= 1.5:
-            raise BadInput(
-                f"air: its constants let {self.transmission:g} of the radiation through over {self.distance:g} m;"
-                " give another distance (--distance)"
-            )
+        _check_air(self)
 
     @property
     def transmission(self) -> float:
-        """Share of radiation that the air lets through, one path of length `distance` (not two halves of it).
+        """Fraction of radiation that the air transmits over one path of length `distance` (not two halves of it).
 
-        With t the air's degC, water h = humidity exp(1.5587 + 0.06939 t - 2.7816e-4 t2 + 6.8455e-7 t3):
-        tau = X exp(-sqrt(d) (a1 + b1 sqrt(h))) + (1 - X) exp(-sqrt(d) (a2 + b2 sqrt(h))), as FLIR's manuals say.
+        With t the air's degC, water w^2 = humidity exp(1.5587 + 0.06939 t - 2.7816e-4 t2 + 6.8455e-7 t3):
+        tau = X exp(-sqrt(d) (a1 + b1 w)) + (1 - X) exp(-sqrt(d) (a2 + b2 w)), as FLIR's manuals say; 1 at distance 0.
         """
-        t, path = self.air, np.sqrt(self.distance)
+        return float(self.transmissions(np.array([self.distance]))[0])
+
+    def transmissions(self, distances: np.ndarray) -> np.ndarray:
+        """Transmission of the air over paths (n,) in m; 1 over a path of length 0 whatever the constants are."""
+        t, path = self.air, np.sqrt(distances)
         water = np.sqrt(self.humidity * np.exp(1.5587 + t * (6.939e-2 + t * (-2.7816e-4 + t * 6.8455e-7))))
         with np.errstate(over="ignore", invalid="ignore"):
             first = np.exp(-path * (self.alpha1 + self.beta1 * water))
             second = np.exp(-path * (self.alpha2 + self.beta2 * water))
-            return float(self.X * first + (1 - self.X) * second)
+            return np.where(path > 0, self.X * first + (1 - self.X) * second, 1.0)
 
     def changed(self, given: dict[str, float]) -> ObjectParameters:
         """The same with some values replaced."""
@@ -124,6 +127,27 @@ class ObjectParameters:
         if self.window < 1:
             text += f", window {self.window:g} at {self.window_temperature:g} degC"
         return text
+
+
+def _check_air(p: ObjectParameters) -> None:
+    """BadInput where the air's transmission leaves (0, 1] on the way to the object, or within usual distances.
+
+    Cameras write constants of very different sizes, so that only what follows from them can be judged.
+    """
+    if p.distance == 0:
+        return
+    distances = max(p.distance, USUAL_DISTANCE_M) * np.linspace(0.0, 1.0, PATH_STEPS + 1) ** 2
+    tau = p.transmissions(np.append(p.distance, distances))
+    bad = ~((tau > 0) & (tau <= 1 + ROUNDING))
+    if bad.any():
+        at = int(np.argmax(bad))
+        over = np.append(p.distance, distances)[at]
+        raise BadInput(
+            f"air: its constants in the calibration (alpha {p.alpha1:g} and {p.alpha2:g}, beta {p.beta1:g} and"
+            f" {p.beta2:g}, X {p.X:g}) give a transmission of {tau[at]:.3g} over {over:.3g} m at"
+            f" {p.air:g} degC, it must be above 0 and at most 1; give --distance 0 to leave the air out, or copy the"
+            " file again"
+        )
 
 
 NAMES = tuple(RANGES)  # what a person may change

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
@@ -14,16 +15,8 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
 MOST_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
-UNITS = {
-    "degC": "degC",
-    "C": "degC",
-    "celsius": "degC",
-    "K": "K",
-    "kelvin": "K",
-    "mK": "mK",
-    "degF": "degF",
-    "F": "degF",
-}
+UNITS = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
+         "kelvin": "K", "kelvins": "K", "mk": "mK", "millikelvin": "mK"}  # fmt: skip
 WARMEST_UNSAID = 150.0  # a median above this could be kelvin: ask
 
 
@@ -105,6 +98,23 @@ def joined(pieces: Sequence[Frames]) -> Frames:
     return Frames(**(kept | chosen | {"outside": sum(p.outside for p in pieces), "notes": notes}))
 
 
+def temperature_unit(text: str) -> str | None:
+    """degC, degF, K or mK of a unit as files write it; None where it is none of temperature.
+
+    >>> temperature_unit("°F"), temperature_unit("deg C"), temperature_unit("[Kelvin]"), temperature_unit("mm")
+    ('degF', 'degC', 'K', None)
+    """
+    bare = re.sub(r"[°º˚\s._\[\](){}]", "", text.replace("℃", "C").replace("℉", "F")).lower()
+    return UNITS.get(re.sub(r"^(?:deg(?:rees?)?|grad|o(?=[cf]$))", "", bare))
+
+
+def agree_on_unit(said: str | None, own: str | None, where: str) -> str | None:
+    """The unit that a person said or that the file states `where`.  BadInput where both are said and differ."""
+    if said and own and temperature_unit(own) not in (None, temperature_unit(said)):
+        raise BadInput(f"unit: --unit {said}, but {where} says {own}; leave --unit out, or repair the file")
+    return said or own
+
+
 def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
     """Values in degC and a note, from a unit that may be unknown; BadInput where it must be asked for.
 
@@ -120,7 +130,7 @@ def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> t
                 " degC, K, mK or degF, or --scale and --offset for counts"
             )
         return values, "unit not said in the file, taken as degC"
-    known = {k.lower(): v for k, v in UNITS.items()}.get(unit.strip().lstrip("°").lower().replace("deg ", "deg"))
+    known = temperature_unit(unit)
     if known is None:
         raise BadInput(f"unit: {unit!r}; give --unit degC, K, mK or degF")
     scale = {"mK": 1e-3, "degF": 1 / 1.8}.get(known, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from flashtemp.cli.terminal import DONE, Json, Switch, emit
+from flashtemp.cli.terminal import DONE, Json, Switch, emit, tell
 from flashtemp.errors import BadInput
 
 
@@ -80,7 +80,8 @@ def spectrum(
     out
         The spectrum, a new .csv file (q in 1/m, C in m^4); the picture stands beside it as .png.
     profile
-        The file is one line: columns of distance and height with their units in the header.
+        The file is one line: columns of distance and height.  A file whose header states the units of both needs
+        no --profile.
     highpass
         Longest wavelength that counts, m; all that fit twice into the measurement if none is given.
     pixel
@@ -89,6 +90,8 @@ def spectrum(
     from flashtemp.api import friction
 
     found = friction.spectrum(file, profile=profile, highpass=highpass, pixel=pixel, out=out)
+    for note in found.notes:
+        tell(note)
     picture = str(out.with_suffix(".png"))
     text = f"{found}\n  persson_friction.spectrum: {out}\n  picture: {picture}"
     emit(found.as_dict() | {"out": str(out), "picture": picture}, json, text)

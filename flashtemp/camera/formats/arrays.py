@@ -16,7 +16,7 @@ import numpy as np
 from flashtemp.camera import recording
 from flashtemp.camera.formats import matlab
 from flashtemp.camera.plausible import fits
-from flashtemp.camera.raw_frames import UNSCALED, Frames, celsius, linear, stacked
+from flashtemp.camera.raw_frames import UNSCALED, Frames, agree_on_unit, celsius, linear, stacked
 from flashtemp.errors import BadInput, short
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -131,7 +131,7 @@ def _frames(kind: str, arrays: dict[str, Array], name: str, found: Array, said, 
         if scale is not None or offset is not None or values.dtype.kind in "ui":
             T = linear(values, scale, offset, f"{values.dtype} array '{short(name)}'")
         else:
-            T, note = celsius(values, unit or found.unit)
+            T, note = celsius(values, agree_on_unit(unit, found.unit, f"array '{short(name)}'"))
         T = np.where(np.isfinite(T), T, np.nan)
         notes = (f"array '{short(name)}'", *([note] if note else []))
         at = None if time is None else time[chosen]

@@ -1,29 +1,53 @@
-"""Cells of text files as exports write them: numbers with either decimal sign, marks of no value, dates."""
+"""Cells of text files as exports write them: numbers with either decimal sign, units, marks of no value, dates."""
 
 from __future__ import annotations
 
 import contextlib
+import csv
 import re
+from collections import Counter
 from datetime import datetime
 
 import numpy as np
 
 LONGEST = 64  # characters of a cell that can be a number, a mark or a label
-_NUMBER = r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?"
-_UNIT = r"[^\S\n]*(?:°[^\S\n]*[CF]|[CKF])"
-_MARK = r"(?i:-{1,3}|[<>].*|\*+|nan|n/a|under.*|over.*)"
+NO_NUMBER = 9.9e37  # SCPI-1999 volume 1, 7.2.1: 9.9E37 is infinity, 9.91E37 not a number
+_NUMBER = r"[-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
+_UNIT = (
+    r"[^\S\n]*(?:°[^\S\n]*[CFK]?|o[CF]|(?i:deg(?:rees?|\.)?[^\S\n]*(?:celsius|fahrenheit|kelvins?|[cfk]))"
+    r"|(?i:celsius|fahrenheit|kelvins?)|mK|[CKF])"
+)
+_MARK = (
+    r"(?i:-+|[<>].*|\*+|\?+|[-+]?nan(?:\(ind\))?|[-+]?inf(?:inity)?|[-+]?1\.#(?:qnan|snan|ind|inf)\d*|#?n/[av]|#?na|#nv"
+    r"|#(?:num|value|wert|zahl|ref|bezug|div/0)!|#div/0|null|none|under.*|over.*|out of range|[-+]?o\.?l\.?|ovld?|ovf"
+    r"|err(?:or)?|open|invalid|missing|fault)"
+)
 NUMBER = re.compile(_NUMBER)
 UNIT = re.compile(f"{_UNIT}$")
 NO_VALUE = re.compile(f"(?:{_MARK}|)")
 NUMERIC = re.compile(f"^(?=.{{1,{LONGEST}}}$)(?:{_NUMBER}(?:{_UNIT})?|{_MARK})$", re.MULTILINE)  # of a cell per line
+WITH_UNIT = re.compile(f"^(?=.{{1,{LONGEST}}}$){_NUMBER}({_UNIT})$", re.MULTILINE)
+OF_UNIT = re.compile(r"[°CFKcfknst]\n|[°CFKcfknst]$").search  # whether a unit can stand behind a cell
+QUOTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')  # of what blanks part
 MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
 DIGITS = frozenset("0123456789.+-eE")  # of which plain numbers are made
 EPOCH = datetime(1970, 1, 1)
 
 
 def cells(line: str, separator: str | None) -> list[str]:
-    """A line in cells; of a separator at its end nothing is left but one empty cell."""
-    return [c.strip().strip('"') for c in line.split(separator)]
+    """A line in cells, quoted ones as RFC 4180 has them; of a separator at its end one empty cell is left.
+
+    >>> cells('"25,03","25,01",-', ","), cells('"25,03" 25', None)
+    (['25,03', '25,01', '-'], ['25,03', '25'])
+    """
+    if '"' not in line:
+        return [c.strip() for c in line.split(separator)]
+    if separator is None:
+        return [(quoted or bare).replace('""', '"').strip() for quoted, bare in QUOTED.findall(line)]
+    try:
+        return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    except (csv.Error, StopIteration, TypeError, ValueError):  # a cell without its end, a delimiter that is none
+        return [c.strip().strip('"') for c in line.split(separator)]
 
 
 def is_number(cell: str) -> bool:
@@ -41,14 +65,27 @@ def mostly_numbers(row: list[str], most: int = 40) -> bool:
     return numeric(row[:most]) > 0.5 * len(row[:most])
 
 
+def count_units(rows: list[list[str]]) -> Counter[str]:
+    """The units that stand behind the numbers of cells, as they are written, and how often."""
+    texts = ["\n".join(row) for row in rows]
+    found = Counter(unit.strip() for text in texts if OF_UNIT(text) for unit in WITH_UNIT.findall(text))
+    return Counter({unit: n for unit, n in found.items() if unit != "°"})
+
+
 def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
     """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
     if comma:
         rows = [[c.replace(",", ".") for c in row] for row in rows]
     if not set("".join("".join(row) for row in rows)) - DIGITS:
         with contextlib.suppress(ValueError):
-            return np.array([list(map(float, row)) for row in rows])
-    return np.array([[_value(c) for c in row] for row in rows])
+            return without_marks(np.array([list(map(float, row)) for row in rows]))
+    return without_marks(np.array([[_value(c) for c in row] for row in rows]))
+
+
+def without_marks(values: np.ndarray) -> np.ndarray:
+    """Values with NaN for the numbers that instruments write where they have none."""
+    with np.errstate(invalid="ignore"):
+        return np.where((np.abs(values) >= NO_NUMBER) & np.isfinite(values), np.nan, values)
 
 
 def _value(cell: str) -> float:

@@ -9,7 +9,7 @@ import io
 
 import numpy as np
 
-from flashtemp.camera.formats.cells import LONGEST
+from flashtemp.camera.formats.cells import LONGEST, without_marks
 from flashtemp.physics.bounded_reading import LONGEST_LINE
 
 HEADER = 200  # lines that may stand before the numbers
@@ -46,7 +46,7 @@ def rows(text: str) -> tuple[list[str], np.ndarray, str | None, bool] | None:
     values = np.loadtxt(io.BytesIO(plain), delimiter=apart.decode(), comments=None, ndmin=2)
     if any(2 * len(line.split(apart.decode())) > values.shape[1] for line in header):  # a row that is not plain
         return None
-    return header, values, None if apart == b" " else apart.decode(), comma
+    return header, without_marks(values), None if apart == b" " else apart.decode(), comma
 
 
 def _before(text: str) -> tuple[list[str], int]:

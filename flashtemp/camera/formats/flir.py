@@ -18,7 +18,7 @@ import numpy as np
 
 from flashtemp.camera.formats import png
 from flashtemp.camera.plausible import fits
-from flashtemp.camera.radiometry import CONSTANTS, NAMES, ObjectParameters, Planck, object_temperature
+from flashtemp.camera.radiometry import CONSTANTS, NAMES, RANGES, ObjectParameters, Planck, object_temperature
 from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, need
 from flashtemp.camera.source import Source, unpacked
 from flashtemp.errors import BadInput
@@ -35,10 +35,11 @@ FLOATS = {  # record INFO: attribute, offset
     "window": 0x34, "humidity": 0x3C, "R1": 0x58, "B": 0x5C, "F": 0x60, "alpha1": 0x70, "alpha2": 0x74,
     "beta1": 0x78, "beta2": 0x7C, "X": 0x80, "highest": 0x98, "lowest": 0x9C, "R2": 0x30C,
 }  # fmt: skip
-PLAUSIBLE = {  # constants of the calibration and of the air: lowest, highest of any camera
-    "B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6), "alpha1": (1e-3, 0.05), "alpha2": (1e-3, 0.05),
-    "beta1": (-0.05, 0.01), "beta2": (-0.05, 0.01), "X": (0.5, 4.0),
-}  # fmt: skip
+PLAUSIBLE = {"B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6)}  # of any camera: lowest, highest
+CORE_R = 366545.0  # R1/R2 that a Tau 2 core has before it is calibrated, with B = 1428 K, F = 1, O = 342 counts
+ROOM = 26.85  # degC: where the sensitivity of a calibration is judged
+FEWEST_COUNTS_PER_K = 1.0
+MOST_COUNTS = 65535.0
 PIECE = 4_000_000  # pixels that are turned into temperatures at a time
 IN_KELVIN = ("reflected", "air", "window_temperature", "highest", "lowest")
 
@@ -232,18 +233,61 @@ def _table(planck: Planck, parameters: ObjectParameters, own: ObjectParameters, 
     return np.where((T_own < lowest) | (T_own > highest), np.nan, T)
 
 
-def physics(info: Info, given: dict[str, float], planck: Planck | None):
-    """What `_table` needs of a frame; what a person gives goes before what the file says."""
-    v = info.values
+def _calibration(v: dict[str, float]) -> Planck:
+    """The calibration that a file states.  BadInput where it is damaged or none of the camera's own.
+
+    Cores that were never calibrated write the constants that the core starts with, R1 366545, R2 1, B 1428, F 1,
+    O 342: counts = R1/(exp(B/T) - F) + O in the core's own sign, while files of cameras subtract O.  Their counts stand
+    about 8192 whatever is before the camera, which reads as 100 degC.
+    """
     for name, (low, high) in PLAUSIBLE.items():
-        if not low <= v[name] <= high and not (planck and name in "BFO"):
+        if not low <= v[name] <= high:
             raise BadInput(
                 f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g}; {AGAIN}"
             )
-    planck = planck or Planck(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
+    planck = Planck(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
+    stated = f"R1 {planck.R1:g}, R2 {planck.R2:g}, B {planck.B:g}, F {planck.F:g}, O {planck.O:g}"
+    remedy = "give the camera's own with --planck R1 R2 B F O, or the file of a radiometric camera"
+    if planck.R2 == 1 and (planck.R1 == CORE_R or planck.O > 0):
+        raise BadInput(
+            f"planck: {stated} is what cores without a calibration for temperatures write: the counts are no"
+            f" temperatures; {remedy}"
+        )
+    per_K = 1 / float(planck.slope(planck.counts(ROOM)))
+    if not per_K >= FEWEST_COUNTS_PER_K:
+        raise BadInput(
+            f"planck: {stated} makes {per_K:.2g} counts per K, which is no calibration of a camera; {remedy}"
+        )
+    if v["lowest"] > -KELVIN and planck.counts(v["lowest"]) > MOST_COUNTS:
+        raise BadInput(
+            f"planck: {stated} makes {planck.counts(v['lowest']):.3g} counts at {v['lowest']:g} degC, the coldest that"
+            f" the camera measures, and 16 bits hold {MOST_COUNTS:g}: no calibration of this camera; {remedy}"
+        )
+    return planck
+
+
+def _remarks(planck: Planck, p: ObjectParameters) -> list[str]:
+    """What is assumed of the calibration and of the air."""
+    remarks = []
+    if abs(planck.R1 / planck.R2 / CORE_R - 1) < 1e-5 and (planck.B, planck.F) == (1428.0, 1.0):
+        remarks.append(
+            "calibration: the constants that the core starts with, not those of this very camera; temperatures may be"
+            " several K off (--planck replaces them)"
+        )
+    if p.distance > 0 and not any(getattr(p, name) for name in CONSTANTS):
+        remarks.append("air: the file states no constants of it (all are 0); its transmission is taken as 1")
+    return remarks
+
+
+def physics(info: Info, given: dict[str, float], planck: Planck | None):
+    """What `_table` needs of a frame; what a person gives goes before what the file says."""
+    v = info.values
+    planck = planck or _calibration(v)
     said = {k: v[k] for k in (*NAMES, *CONSTANTS)}
     if said["window"] == 1:
         said["window_temperature"] = 20.0  # without a window some cameras write 0 K
+    if (said | given)["distance"] == 0 and not RANGES["air"][0] <= said["air"] <= RANGES["air"][1]:
+        said["air"] = 20.0  # without a path some cameras write 0 K
     parameters = ObjectParameters(**(said | given))
     lowest, highest = v["lowest"], v["highest"]
     if not (math.isfinite(lowest) and math.isfinite(highest) and -KELVIN < lowest < highest):
@@ -293,7 +337,7 @@ def _frames(name: str, images, infos: list[Info], found: list[tuple], first: tup
     for temperature, image, setting in zip(T, images, found, strict=True):
         temperature[:] = _table(*setting)[image]
     clocks = [i.clock for i in infos]
-    change = any(f != first for f in found)
+    change = ["parameters change from frame to frame; each has its own"] if any(f != first for f in found) else []
     return Frames(
         format=name,
         temperature=T,
@@ -305,5 +349,5 @@ def _frames(name: str, images, infos: list[Info], found: list[tuple], first: tup
         camera=infos[0].camera,
         fps=infos[0].fps / every if infos[0].fps else None,
         outside=int(np.isnan(T).sum()),
-        notes=("parameters change from frame to frame; each has its own",) if change else (),
+        notes=(*change, *_remarks(found[0][0], found[0][1])),
     )

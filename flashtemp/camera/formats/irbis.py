@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.camera.formats.cells import cells, moment, parsed
-from flashtemp.camera.raw_frames import Frames, celsius
+from flashtemp.camera.raw_frames import Frames, agree_on_unit, celsius
 from flashtemp.errors import BadInput, short
 
 START = "[Settings]"
@@ -42,7 +42,7 @@ def read(text: str, unit: str | None) -> Frames:
         raise BadInput("words stand among the numbers of [Data]; export it anew and give that")
     content = pairs.get("Content", "Temperature")
     difference = content.lower() in NOT_DEGREES
-    T, note = celsius(values, unit or pairs.get("TempUnit"), difference)
+    T, note = celsius(values, agree_on_unit(unit, pairs.get("TempUnit"), "TempUnit of its header"), difference)
     clock = moment(f"{pairs.get('Params.Rec.Date', '')} {pairs.get('Params.Rec.Time', '')}")
     return Frames(
         format="IRBIS ASCII",

@@ -9,6 +9,7 @@ and S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import library
+from flashtemp.physics.friction.elastic_contact import library, quietly
 from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
 from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
 from flashtemp.physics.interpolation import Source
@@ -33,7 +34,14 @@ HEIGHTS = (1e-9, 0.1)  # m, plausible rms
 STEEP = 10.0  # rms slope that no road has
 LAW = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+SPELLINGS = {  # of lengths in m; stylus instruments write heights in angstrom, microinch and mil
+    1.0: "m metre metres meter meters", 1e-2: "cm", 1e-3: "mm millimetre millimetres millimeter millimeters",
+    1e-6: "um micrometre micrometres micrometer micrometers Micrometer micron microns",
+    1e-9: "nm nanometre nanometres nanometer nanometers Nanometer", 1e-12: "pm",
+    1e-10: "\u00c5 \u212b A angstrom angstroms Angstrom Angstroms", 0.0254: "in inch inches", 2.54e-5: "mil mils",
+    2.54e-8: "uin uinch",
+}  # fmt: skip
+LENGTHS = {unit: metres for metres, units in SPELLINGS.items() for unit in units.split()}
 ANY = ""  # fits every name
 WAVENUMBER = Quantity(
     "wavenumber",
@@ -50,13 +58,24 @@ DENSITY = Quantity(
     "C (m^4), isotropic: not the m^3 of a line",
 )
 DISTANCE = Quantity(
-    "distance", r"(?:x|distance|position|length|abscissa){1,6}", {k: (f, 0.0) for k, f in LENGTHS.items()},
-    ((ANY, "m"),), "x (mm)",
+    "distance",
+    r"[xX]|(?:x|distance|position|pos|length|abscissa|lateral|scan|travel|displacement|horizontal|axis|coordinate|weg){1,6}",
+    {k: (f, 0.0) for k, f in LENGTHS.items()}, ((ANY, "m"),), "x (mm)",
 )  # fmt: skip
 HEIGHT = Quantity(
-    "height", r"(?:z|h|height|depth|elevation|profile){1,6}", {k: (f, 0.0) for k, f in LENGTHS.items()},
-    ((ANY, "m"),), "z (mm)",
+    "height",
+    r"[zZhH]|(?:z|h|height|depth|elevation|profile|profil|total|raw|primary|measured|vertical|data|deflection|axis"
+    r"|coordinate|höhe|tiefe){1,6}",
+    {k: (f, 0.0) for k, f in LENGTHS.items()}, ((ANY, "m"),), "z (mm)",
 )  # fmt: skip
+UNIT_OF_AXIS = re.compile(
+    r"\b(?P<axis>[xz])[ _-]?(?:axis )?units?[^\w\n]{1,4}(?P<unit>[A-Za-z\u00c5]{1,12})", re.IGNORECASE
+)
+MOST_HEADER = 20_000  # bytes of a file in which units of axes are looked for
+ACROSS = Quantity("y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT.units, ((ANY, "m"),), "y (mm)")
+VALID = Quantity(
+    "valid", r"valid|validity", dict.fromkeys(("", "1/0", "0/1", "-", "1"), (1.0, 0.0)), ((ANY, ""),), "valid"
+)
 
 
 def read_spectrum(source: Source, folder: Path, key: str) -> Points:
@@ -81,20 +100,99 @@ def read_spectrum(source: Source, folder: Path, key: str) -> Points:
     return _plausible(q, C, where)
 
 
-def read_profile(file: Path, key: str = "profile") -> tuple[np.ndarray, float]:
-    """Heights (n,) in m, dropouts nan, and their step (m) from columns of distance and height, in any unit stated.
+@dataclass(frozen=True)
+class LineScan:
+    """Heights (n,) of one line in m, dropouts nan, their `step` (m), and what was assumed or chosen, in words."""
 
-    Raises BadInput for files without both columns or with uneven steps.
+    heights: np.ndarray
+    step: float
+    notes: tuple[str, ...] = ()
+
+
+def read_profile(file: Path, key: str = "profile") -> tuple[np.ndarray, float]:
+    """Heights (n,) in m, dropouts nan, and their step (m) of a line scan.  Raises BadInput as `read_line_scan`."""
+    scan = read_line_scan(file, key)
+    return scan.heights, scan.step
+
+
+def read_line_scan(file: Path, key: str = "profile", stated: bool = False) -> LineScan:
+    """The line scan in a file: columns of distance and height in any unit, or what SurfaceTopography reads as a line.
+
+    `stated`: only where the file itself states the units of both.  Raises BadInput for files without both columns, for
+    areas, and for uneven steps.
     """
-    table = read(file.name, file.parent, key, (DISTANCE, HEIGHT), ("distance", "height"))
-    for quantity in (DISTANCE, HEIGHT):
-        if quantity.name not in table:
-            raise BadInput(f"{key}: {file.name}: no column of the {quantity.name}; name it {quantity.usual}")
-    x = table["distance"]
+    try:
+        return _scan_of_columns(file, key, stated)
+    except BadInput as fault:
+        found = _scan_of_library(file, key)
+        if found is None:
+            raise fault
+        return found
+
+
+def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
+    """A line scan as columns of text."""
+    table = read(file.name, file.parent, key, (DISTANCE, HEIGHT, ACROSS, VALID), ("distance", "height"))
+    where = f"{key}: {file.name}"
+    height = "height" if "height" in table else "y"
+    for name, quantity in (("distance", DISTANCE), (height, HEIGHT)):
+        if name not in table:
+            raise BadInput(f"{where}: no column of the {quantity.name}; name it {quantity.usual}")
+    if height == "height" and "y" in table and np.ptp(table["y"]) > 0:
+        raise BadInput(f"{where}: y varies, an area and not one line; give a height map of the instrument")
+    x, h = table["distance"], table[height]
+    if "valid" in table:
+        h = np.where(table["valid"] > 0, h, np.nan)
     step = (x[-1] - x[0]) / max(1, len(x) - 1)
     gaps = np.append(step, np.diff(x))
     table.need(~(np.abs(gaps - step) < 0.2 * abs(step)), "distance", f"even steps, here of {abs(step):.4g} m")
-    return table["height"], float(abs(step))
+    columns = [table.columns[name] for name in ("distance", height)]
+    above = {} if any(c.stated for c in columns) else _units_above(file)
+    if any(c.stated for c in columns) != all(c.stated for c in columns) or len(above) == 1:
+        bare = next(c for c, axis in zip(columns, "xz", strict=True) if not c.stated and axis not in above)
+        raise BadInput(f"{where}: no unit of {bare.name!r}, while the other column has one; name it {HEIGHT.usual}")
+    units = [c.unit if c.stated else above.get(axis, c.unit) for c, axis in zip(columns, "xz", strict=True)]
+    factors = [1.0 if c.stated else LENGTHS[unit] for c, unit in zip(columns, units, strict=True)]
+    notes = [f"{where}: {', '.join(f'{c.name!r} in {unit}' for c, unit in zip(columns, units, strict=True))}"]
+    if not above and not columns[0].stated:
+        notes = [f"{where}: unit of {c.name!r} not in the file, taken as {c.unit}" for c in columns]
+    if stated and not (above or columns[0].stated):
+        raise BadInput(f"{where}: no units of its columns; name them {DISTANCE.usual} and {HEIGHT.usual}")
+    return LineScan(factors[1] * h, float(abs(factors[0] * step)), tuple(notes))
+
+
+def _units_above(file: Path) -> dict[str, str]:
+    """Units of x and of z that lines of the header state, as "X Units: mm, Z Units: um"."""
+    text = file.read_bytes()[:MOST_HEADER].decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
+    found = (m.groupdict() for m in UNIT_OF_AXIS.finditer(text))
+    return {f["axis"].lower(): f["unit"] for f in found if f["unit"] in LENGTHS}
+
+
+def _scan_of_library(file: Path, key: str) -> LineScan | None:
+    """A line scan with units as SurfaceTopography reads it; None where it reads none.  Raises BadInput."""
+    surface = library()
+    try:
+        with quietly(), surface.open_topography(str(file)) as opened:
+            if opened.default_channel.dim != 1 or opened.default_channel.unit is None:
+                return None
+            line = opened.topography().to_unit("m")
+            x, h = map(_filled, line.positions_and_heights())
+    except Exception:  # readers raise whatever the damage leads to
+        return None
+    step = (x[-1] - x[0]) / max(1, len(x) - 1)
+    if not np.all(np.abs(np.diff(x) - step) < 0.2 * abs(step)):
+        raise BadInput(
+            f"{key}: {file.name}: steps along the line from {np.diff(x).min():.3g} to {np.diff(x).max():.3g} m;"
+            " give a line with even steps"
+        )
+    return LineScan(
+        h, float(abs(step)), (f"{key}: {file.name}: a line scan of {len(x)} points, read in its own units",)
+    )
+
+
+def _filled(values: Value) -> np.ndarray:
+    """Values with nan where they are masked."""
+    return np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
 
 
 def without_spikes(heights: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-WORD = re.compile(r"[^\s/]{256,}")  # longer than the name of any file
+WORD = re.compile(r"[^\s/]{256,}|\S{1000,}")  # longer than the name of any file, and than a path that is read
 MANY = 16  # names in a message
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from flashtemp.errors import BadInput
 
 HEAD = 'case = "case.toml"\n'
 VIEW = '[[recording]]\nfile = "a.nc"\n'
+FORCE = '[[force]]\nfile = "mu.csv"\n'
 
 
 def small(**told):
@@ -68,14 +72,34 @@ def test_a_campaign_is_read(folder):
         (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
         (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
         (HEAD + '[[recording]]\nfile = "mu.csv"\n', "not a NetCDF recording"),
-        (HEAD + '[[force]]\nfile = "a.nc"\n', "not a text file"),
+        (HEAD + '[[force]]\nfile = "a.nc"\n', "no text"),
         (HEAD + 'free = ["friction.nu"]\n' + VIEW, "did you mean 'friction.mu'"),
         (HEAD + "recording = 3\n", "write [[recording]]"),
         (HEAD + "candidates = 3\n" + VIEW, "give a list of names in quotes"),
         (HEAD + 'free = "friction.mu"\n' + VIEW, "give a list of names in quotes"),
         (HEAD + 'candidates = ["weer"]\n' + VIEW, "did you mean 'wear'"),
         (HEAD + 'candidates = ["./dust.py"]\n' + VIEW, "a file of your own belongs into the case, its candidates"),
-        (HEAD + VIEW + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:6: recording: recording 3: file"),
+        (HEAD + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:4: recording: recording 2: file"),
+        (
+            HEAD + VIEW + VIEW,
+            "recording 2: file: 'a.nc' holds the same measurement as recording 1, 'a.nc'; list it once",
+        ),
+        (HEAD + VIEW + "held_out = true\n" + VIEW + 'with = { "contact.pressure" = 2e5 }\n', "the same measurement"),
+        (HEAD + VIEW + VIEW.replace("a.nc", "./a.nc"), "the same measurement"),
+        (HEAD + FORCE + FORCE, "force 2: file: 'mu.csv' holds the same measurement as force 1, 'mu.csv'"),
+        (HEAD + 'free = ["numerics.mesh"]\n' + VIEW, "'numerics.mesh' belongs to the computation"),
+        (HEAD + 'free = ["numerics.rtol"]\n' + VIEW, "'numerics.rtol' belongs to the computation"),
+        (HEAD + 'free = ["output.fields"]\n' + VIEW, "'output.fields' is no number of the physics"),
+        (HEAD + 'free = ["block.material"]\n' + VIEW, "'block.material' is no number of the physics"),
+        (HEAD + 'free = ["schedule.repetitions"]\n' + VIEW, "'schedule.repetitions' is no number of the physics"),
+        (HEAD + 'free = ["schedule.lifted"]\n' + VIEW, "'schedule.lifted' is no number of the physics"),
+        (HEAD + "free = { numerics.mesh = 0.1 }\n" + VIEW, "'numerics.mesh' belongs to the computation"),
+        (HEAD + 'free = ["friction.mu", "friction.mu"]\n' + VIEW, "'friction.mu' is listed twice"),
+        (HEAD + 'free = { "friction.mu" = 0.1, friction = { mu = 0.2 } }\n' + VIEW, "'friction.mu' is listed twice"),
+        (HEAD + 'candidates = ["wear", "wear"]\n' + VIEW, "effect 'wear' is listed twice"),
+        (HEAD + VIEW + 'with = { effects = ["wear", "wear"] }\n', "effect 'wear' is listed twice"),
+        (HEAD + VIEW + 'with = { "free" = ["friction.mu"] }\n', "with: 'free' holds for all; write it at the top"),
+        (HEAD + VIEW + "with = { contact.pressur = 2e5 }\n", "did you mean 'pressure'"),
         ("case = \n", "not valid TOML"),
     ],
 )
@@ -83,6 +107,58 @@ def test_faults_are_named_in_one_line_each(folder, text, said):
     lines = refused(folder, text)
     assert len(lines) == 1
     assert said in lines[0]
+
+
+@pytest.mark.parametrize("how", ["copy", "hard link", "symbolic link", "saved anew"])
+def test_a_measurement_under_another_name_counts_once(folder, how):
+    if how == "copy":
+        shutil.copyfile(folder / "a.nc", folder / "b.nc")
+    elif how == "hard link":
+        (folder / "b.nc").hardlink_to(folder / "a.nc")
+    elif how == "symbolic link":
+        (folder / "b.nc").symlink_to("a.nc")
+    else:
+        replace(load(folder / "a.nc"), source="again", emissivity=0.9).save(folder / "b.nc")
+    [line] = refused(folder, HEAD + VIEW + VIEW.replace("a.nc", "b.nc"))
+    assert "recording 2: file: 'b.nc' holds the same measurement as recording 1, 'a.nc'" in line
+
+
+def test_a_copied_trace_counts_once_and_a_typed_constant_twice(folder):
+    shutil.copyfile(folder / "mu.csv", folder / "copy.csv")
+    assert "same measurement" in refused(folder, HEAD + FORCE + FORCE.replace("mu.csv", "copy.csv"))[0]
+    for name in ("one.csv", "two.csv"):
+        (folder / name).write_text("time_s,mu\n0,0.8\n1,0.8\n")
+    files = [FORCE.replace("mu.csv", name) for name in ("one.csv", "two.csv")]
+    (folder / "campaign.toml").write_text(HEAD + files[0] + files[1] + 'with = { "contact.pressure" = 2e5 }\n')
+    assert len(campaign.load(folder).forces) == 2
+
+
+def test_two_columns_of_one_table_are_two_measurements(folder):
+    (folder / "t.csv").write_text("time_s,T1,T2\n0,20,20\n1,21,23\n")
+    entry = '[[recording]]\nfile = "t.csv"\npoints = [{ z = 0.002 }, { z = 0.004 }]\n'
+    (folder / "campaign.toml").write_text(HEAD + entry + VIEW)
+    assert len(campaign.load(folder).views) == 2
+    assert "same measurement" in refused(folder, HEAD + entry + entry)[0]
+
+
+def test_a_condition_is_one_however_it_is_written(folder):
+    """With a unit, as a whole number, as a table in a table; other keys of that table stay."""
+    (folder / "case.toml").write_text("[contact]\nspot_fraction = 0.5\n")
+    ways = [
+        '"contact.pressure" = 2e5',
+        '"contact.pressure" = "0.2 MPa"',
+        '"contact.pressure" = 200000',
+        "contact.pressure = 2e5",
+    ]
+    text = HEAD
+    for n, way in enumerate(ways):
+        small(time=np.array([1.0, 2.0 + n])).save(folder / f"{n}.nc")
+        text += f'[[recording]]\nfile = "{n}.nc"\nwith = {{ {way} }}\n'
+    (folder / "campaign.toml").write_text(text)
+    found = campaign.load(folder)
+    [condition] = found.conditions
+    assert condition.given == {"contact.pressure": 2e5}
+    assert {found.load(view.given)["contact.spot_fraction"] for view in found.views} == {0.5}
 
 
 def test_all_faults_are_told_at_once(folder):

@@ -265,7 +265,7 @@ def test_a_table_without_times_takes_the_rate(tmp_path):
     [
         ("0,20,30\n1,21,31\n2,22,32\n", {"places": None}, "places: missing; where the thermocouples sit"),
         ("0,20,30\n1,21,31\n2,22,32\n", {"emissivity": 0.9}, "--emissivity: belongs to images"),
-        ("0,20,30\n1,21,31\n1,22,32\n", {}, "time goes from 1 to 1 s"),
+        ("0,20,30\n1,21,31\n1,22,32\n", {}, "log.csv:3: time goes from 1 to 1; it must increase"),
         ("0;20\n1;21\n2;22\n", {}, "2 columns, but a thermocouple is in column 3"),
         ("0,20,30\n1,2O.1,31\n2,22,32\n", {}, "'2O.1' in column 2 is no number"),
         ("0,20,30\nx,21,31\n2,22,32\n", {}, "'x' in column 1 is no time"),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tomllib
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import flashtemp
 from flashtemp.__main__ import main
@@ -13,8 +16,8 @@ from flashtemp.camera import import_options
 from flashtemp.camera.points import of_rows
 from flashtemp.cli import commands
 from flashtemp.errors import BadInput
-from flashtemp.model import units
 from flashtemp.model.schema import APART, MATERIAL, TABLES
+from flashtemp.physics import units
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs import sweep
 
@@ -34,11 +37,10 @@ def case(tmp_path):
 
 @pytest.mark.parametrize("unit", sorted(DECLARED))
 def test_every_declared_unit_is_known_as_it_is_written(unit):
-    """Ours first: W/mK is no milliwatt, no millikelvin; and pint agrees on its dimension."""
-    assert unit == "1" or units.plain(f"2.5 {unit}", unit) == 2.5
-    if unit not in units.ABSOLUTE:
-        _, registry = units._pint()
-        assert registry.Quantity(1.0, units._theirs(unit)).magnitude == 1.0
+    """W/mK is no milliwatt and no millikelvin."""
+    assert unit == "1" or units.to_unit(f"2.5 {unit}", unit) == 2.5
+    assert units.conversion(unit, unit) == (1.0, 0.0)
+    assert units.is_unit(unit, unit)
 
 
 @pytest.mark.parametrize(
@@ -145,3 +147,87 @@ def test_an_option_in_another_unit_is_told(capsys):
     assert capsys.readouterr().err == "cutoff: '1 s' is no quantity in m; give one that can be turned into it\n"
     assert main(["spots"]) == 2
     assert "See flashtemp spots --help." in capsys.readouterr().err
+
+
+HOSTILE = (
+    "5 m**9**9**9", "5 m^9^9", "5 m*2**999999999/2**999999999", "5 m**999", "5 m99", "1 dB", "5 bit", "3 count", "4 byte",
+    "1 Np", "2 decade", "5 m{}", "5 m[0]", "5 m\x00", "5 m\n*2", "5 (m", "5 m)", "5 m()", "5 ((((m))))", "5 m/", "5 m//s",
+    "5 m*", "5 m;m", "5 sqrt(m)", "5 __import__", "5 m.__class__", "5 c s", "5 m%", "5 m" + "/m*m" * 9,
+    "5 " + "m " * 19, "5 m 2", "5 m2m", "5 m-", "5 m**", "5 m^-", "5 lambda", "5 m if s", "5 °", "5 %%",
+    "5 m\u0308", "5 \u202em", "5 m**1e9", "5 m**0x9",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", HOSTILE, ids=lambda _: "")
+def test_what_is_no_product_of_named_units_is_refused(text):
+    for unit in ("m", "1"):
+        with pytest.raises(BadInput):
+            units.to_unit(text, unit)
+
+
+SIGNS = st.sampled_from(
+    list("mskKCFgNPaWJ%°µ12 9*/^.()-+e\u00b2\u207b\x00{}[]_") + ["**", "degC", "h", "in", "H2O", " per "]
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(text=st.lists(SIGNS, max_size=24).map("".join) | st.text(max_size=80), unit=st.sampled_from(sorted(DECLARED)))
+def test_any_text_is_a_unit_or_bad_input(text, unit):
+    assert units.looks_like_quantity(f"5 {text}") in (True, False)
+    for convert in (lambda: units.to_unit(f"5 {text}", unit), lambda: sum(units.conversion(text, unit))):
+        with contextlib.suppress(BadInput):
+            assert math.isfinite(convert())
+    assert units.is_unit(text, unit) in (True, False)
+
+
+WRITTEN = [  # by loggers, cameras, tables and NetCDF files: spellings, unit wanted, what 2 of them are in it
+    ("degC|°C|C|c|deg C|Celsius|celsius|CELSIUS|degrees Celsius|degree_Celsius|℃|º C|Â°C|\ufffdC|deg. C", "degC", 2.0),
+    ("K|k|Kelvin|kelvins|°K", "degC", -271.15),
+    ("degF|°F|F|deg F|Fahrenheit|degrees_Fahrenheit|℉", "degC", -150 / 9),
+    ("mK", "degC", -273.148),
+    ("s|S|sec|secs|Sec|SEC|second|seconds|Seconds", "s", 2.0),
+    ("ms|msec|MSEC|msecs|millisecond|milliseconds|Milliseconds", "s", 2e-3),
+    ("us|µs|μs|usec|microseconds", "s", 2e-6),
+    ("min|mins|Min|MIN|minute|minutes", "s", 120.0),
+    ("h|hr|hrs|HR|hour|hours", "s", 7200.0),
+    ("m/s|m s-1|m s^-1|m.s-1|m·s⁻¹|m*s**-1|meters per second|mps", "m/s", 2.0),
+    ("mm/s|mm s-1", "m/s", 2e-3),
+    ("km/h|kph|kmh|km/hr|km h-1", "m/s", 2 / 3.6),
+    ("mph|mi/h", "m/s", 0.89408),
+    ("m/min", "m/s", 2 / 60),
+    ("m|meter|metres", "m", 2.0),
+    ("mm|millimetres", "m", 2e-3),
+    ("um|µm|μm|micron|microns", "m", 2e-6),
+    ("in|inch|inches", "m", 0.0508),
+    ("W/mK|W/m K|W/(m K)|W m-1 K-1|W/(m·K)|W/m/K|W/m°C|W/(m deg C)", "W/mK", 2.0),
+    ("N/mm²|MPa", "Pa", 2e6),
+    ("bar", "Pa", 2e5),
+    ("cmH2O", "Pa", 196.133),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "two"), [(text, unit, two) for texts, unit, two in WRITTEN for text in texts.split("|")]
+)
+def test_units_as_they_are_written_in_files(text, unit, two):
+    factor, offset = units.conversion(text, unit)
+    assert 2 * factor + offset == pytest.approx(two, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [(t, "degC") for t in ("mV", "V", "%", "s", "m", "", "bananas", "1/K", "raw")]
+    + [(t, "s") for t in ("m", "M", "MS", "Hz", "1", "rpm", "degC", "seconds since 2024-01-01")]
+    + [(t, "m") for t in ("px", "s", "m2", "mm/s")]
+    + [(t, "1") for t in ("rad", "deg", "dB", "bit", "count", "pi", "m")]
+    + [("rpm", "1/s"), ("Pas", "Pa"), ("MBAR", "Pa")],
+)
+def test_a_unit_of_another_dimension_is_refused(text, unit):
+    assert not units.is_unit(text, unit)
+    with pytest.raises(BadInput):
+        units.conversion(text, unit)
+
+
+def test_keys_in_kelvin_are_differences(case):
+    assert flashtemp.load(case, {"numerics.atol": "0.002 degC"})["numerics.atol"] == 0.002
+    assert flashtemp.load(case, {"numerics.atol": "0.0018 degF"})["numerics.atol"] == pytest.approx(0.001)

@@ -23,7 +23,7 @@ def draw(found) -> Figure:
     ax.set_yscale("log")
     ax.set_ylim(found.area[0], 2.0)
     ax.set_xlim(found.ratio[0], found.ratio[-1])
-    ax.set(xlabel="nominal pressure / Young's modulus (–)", ylabel="area in contact A/A$_0$ (–)")
+    ax.set(xlabel="nominal pressure / Young's modulus (–)", ylabel="area in contact A/A₀ (–)")
     ax.set_title(f"rms slope {theme.number(found.slope, 3)}")
     ax.legend(loc="upper left")
     return fig

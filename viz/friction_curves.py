@@ -120,7 +120,7 @@ def _contact(ax, found) -> None:
     size = theme.number(1e3 * found.spots.diameter, 3)
     for values, colour, words, end, gap in (
         (found.phi, theme.BLOCK, f"in contact regions of {size} mm", 0, 5),
-        (found.area, theme.SLIDING, "real contact $A/A_0$", -1, -6),
+        (found.area, theme.SLIDING, "real contact A/A₀", -1, -6),
     ):  # both fall with speed: above the first and below the last of their points is room for words
         ax.plot(found.speed, values, color=colour, lw=1.8)
         ax.annotate(

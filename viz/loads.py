@@ -79,7 +79,7 @@ def _steps(ax, found) -> None:
         style = "o-" if name in found.acting else "o:"
         ax.plot(middle, share[-1] / np.diff(np.log(found.pressure)), style, ms=3, color=COLOURS[name])
     ax.axhline(0.0, color="black", lw=0.6)
-    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel=r"d ln $\mu$ / d ln $p$")
+    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel="d ln μ / d ln p")
     ax.set_title(f"from load to load at {found.speed[-1]:g} m/s")
     ax.set_xticks(middle, [theme.number(v, 2) for v in middle])
     ax.minorticks_off()

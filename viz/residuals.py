@@ -82,7 +82,7 @@ def against(ax, x, values, half, room: float = 0.5) -> None:
     """
     good = np.isfinite(values)
     out = good & (np.abs(values) > half)
-    first, last = (x[1] - x[0], x[-1] - x[-2]) if len(x) > 1 else (1.0, 1.0)
+    first, last = (x[1] - x[0], x[-1] - x[-2]) if np.ptp(x) > 0 else (1.0, 1.0)
     x_band = np.array([x[0] - room * first, *x, x[-1] + room * last])
     wide = np.concatenate([half[:1], half, half[-1:]])
     ax.fill_between(x_band, -wide, wide, color=BAND, lw=0, zorder=1)

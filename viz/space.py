@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
+from flashtemp.viz.shown_text import visible, without_mathematics
 
 ROAD_SHOWN = 3.0  # mm
 SIZE = (1500, 900)
@@ -88,7 +89,7 @@ def plotter(fields, t: float, off: bool = True):
         "position_x": 0.92, "position_y": 0.2, "height": 0.6, "width": 0.04,
         "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
-    plot: Any = pv.Plotter(off_screen=off, window_size=list(SIZE), title=f"{fields.title} - flashtemp")
+    plot: Any = pv.Plotter(off_screen=off, window_size=list(SIZE), title=f"{visible(fields.title)} - flashtemp")
     plot.set_background(PAPER)
     road, whole = _grid(*seen["road"]), _grid(*seen["block"])
     plot.add_mesh(road, **style, scalar_bar_args=bar)
@@ -113,7 +114,7 @@ def plotter(fields, t: float, off: bool = True):
 def _words(plot, fields, seen, t: float) -> None:
     x, y, z, _ = seen["block"]
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
-    plot.add_text(fields.title, position="upper_left", font_size=15, color=INK)
+    plot.add_text(without_mathematics(visible(fields.title)), position="upper_left", font_size=15, color=INK)
     plot.add_text(_moment(float(moment)), position="lower_left", font_size=11, color=INK, name="time")
     under, far = -ROAD_SHOWN - 2.0, seen["road"][0][-1]
     names = ("x = 0", "x = L", "road") if fields.slides_back else ("leading edge", "trailing edge", "wake")

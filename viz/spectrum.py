@@ -19,7 +19,7 @@ def draw(points: Points, law: SelfAffine, title: str) -> Figure:
     rolloff = theme.number(2e3 * np.pi / law.rolloff, 2)
     label = f"self-affine below {rolloff} mm, H = {law.hurst:.2f}"
     ax.loglog(q, law(q), "--", color=theme.SPOT, label=label)
-    ax.set(xlabel="wavenumber q (1/m)", ylabel="C (m$^4$)")
+    ax.set(xlabel="wavenumber q (1/m)", ylabel="C (m⁴)")
     above = ax.secondary_xaxis("top", functions=(_wavelength, _wavelength))
     above.set_xlabel("wavelength (mm)")
     ax.legend(loc="lower left")

@@ -17,6 +17,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from flashtemp.showing import whole_file
+from flashtemp.viz.shown_text import show_as_text
 
 SPOT = "#B2182B"  # in the macroasperity contact regions
 BLOCK = "#1FA37A"  # block, averaged across y
@@ -55,12 +56,18 @@ STYLE = {
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """A `draw` that runs under this theme and leaves matplotlib's settings as they were."""
+    """A `draw` that runs under this theme and leaves matplotlib's settings as they were.
+
+    Titles and labels are shown as text, whatever letters they hold.
+    """
 
     @wraps(draw)
     def wrapped(*args, **kwargs) -> Figure:
         with import_module("matplotlib.style").context(["default", STYLE]):
-            return draw(*args, **kwargs)
+            drawn = draw(*args, **kwargs)
+            if isinstance(drawn, Figure):  # what writes an animation returns its path
+                show_as_text(drawn)
+            return drawn
 
     return wrapped
 

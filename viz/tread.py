@@ -75,7 +75,7 @@ def _distances(ax, found, colours) -> None:
     memory = float(found.law.reach(found.tread.speed * found.best.at)) / found.spots.diameter
     ax.axvline(memory, color=theme.AMBIENT, lw=0.7, ls=(0, (4, 3)))
     ax.annotate(
-        f"r$_0$ = {theme.number(memory, 2)} D", (memory, 0.04), (3, 0), xycoords=("data", "axes fraction"),
+        f"r₀ = {theme.number(memory, 2)} D", (memory, 0.04), (3, 0), xycoords=("data", "axes fraction"),
         textcoords="offset points", color=theme.AMBIENT,
     )  # fmt: skip
     ax.set(xlabel="slid distance / diameter D (–)", ylabel="friction coefficient (–)", title="over the slid distance")

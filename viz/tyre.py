@@ -44,7 +44,7 @@ def _conditions(found) -> str:
     return (
         f"{theme.number(b.speed, 3)} m/s, {theme.number(b.pressure / 1e6, 3)} MPa at every load, "
         f"{theme.number(found.T0 - KELVIN, 3)} {theme.DEGREE}, footprint {theme.number(1e3 * found.tyre.width, 3)} mm "
-        f"wide, r$_0$ = {found.law.said} mm; shear stiffness of the tread "
+        f"wide, r₀ = {found.law.said} mm; shear stiffness of the tread "
         f"{theme.number(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model import kinds, units
+from flashtemp.model import kinds
 from flashtemp.model.case_file import read_toml
+from flashtemp.physics import units
 
 CHOICES = {
     "view": ("sidewall", "wake", "profile", "points"),
@@ -18,6 +19,7 @@ CHOICES = {
     "unit": ("degC", "K", "mK", "degF"),
     "decimal": ("comma", "point"),
     "dead_pixels": ("find", "keep"),
+    "labels": ("none", "columns", "rows", "both"),
 }
 UNITS = {  # of facts that are numbers
     "mm_per_pixel": "mm", "at": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s",
@@ -68,6 +70,8 @@ class Facts:
         Frames per second.
     times
         CSV file with columns file,time[,repetition]; time in s from the first start of sliding.
+    time_column
+        Name or number of the column of the time in a table of thermocouples.
     repetition
         Number of the repetition that all frames belong to, from 1.
     starts
@@ -112,6 +116,8 @@ class Facts:
         Temperatures of a text file at or under this are below the camera's range, degC.
     rows
         Rows of a text file that holds a part of an image.
+    labels
+        Which labels stand around the matrix of a text file: none, columns (above), rows (beside) or both.
     limit
         GB of memory that reading one file may take, 1 unless said.
     netd
@@ -143,6 +149,7 @@ class Facts:
     zero: str | None = None
     fps: float | None = None
     times: Path | None = None
+    time_column: str | None = None
     repetition: int | None = None
     starts: tuple[float, ...] | None = None
     case: Path | None = None
@@ -165,6 +172,7 @@ class Facts:
     decimal: Literal["comma", "point"] | None = None
     below: float | None = None
     rows: int | None = None
+    labels: Literal["none", "columns", "rows", "both"] | None = None
     limit: float | None = None
     netd: float | None = None
     fixed_pattern: float | None = None
@@ -207,6 +215,7 @@ EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a 
     },
     "the time": {
         "start": "0.0", "repetition": "1", "#zero": '"2024-05-31T12:00:03.25"', "#fps": "30.0", "#times": '"times.csv"',
+        "#time_column": '"Time"',
         "#starts": "[0.0, 45.0, 90.0]", "#case": '"../case.toml"',
     },
     "object, air, window; leave out what the file says rightly": {
@@ -216,7 +225,7 @@ EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a 
     },
     "the file's numbers, where the file does not say": {
         "#scale": "0.04", "#offset": "-273.15", "#unit": '"degC"', "#variable": '"temperature"', "#decimal": '"comma"',
-        "#below": "-40.01", "#rows": "100", "#limit": "1.0",
+        "#below": "-40.01", "#rows": "100", "#labels": '"both"', "#limit": "1.0",
     },
     "the camera": {
         "#netd": "0.05", "#fixed_pattern": "0.05", "#psf_sigma": "0.7", "#exposure": "0.01",
@@ -309,9 +318,9 @@ def _row(key: str, value: Any, length: int | None) -> tuple[float, ...]:
 
 
 def _number(key: str, value: Any) -> float:
-    if units.meant(value) and key.split(".")[-1] in UNITS:
+    if units.looks_like_quantity(value) and key.split(".")[-1] in UNITS:
         try:
-            return units.plain(value, UNITS[key.split(".")[-1]])
+            return units.to_unit(value, UNITS[key.split(".")[-1]])
         except BadInput as fault:
             raise BadInput(f"{key}: {fault}") from fault
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value or abs(value) == float("inf"):

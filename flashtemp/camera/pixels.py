@@ -6,7 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from flashtemp.physics.just_in_time import njit
 
 REACH = 7.0  # widths of the optics beyond the edge of a pixel that it sees
 SURE = 8.5  # widths beyond which the normal distribution function is 0 or 1 in double precision

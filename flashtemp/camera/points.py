@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput, nearest
-from flashtemp.model import units
+from flashtemp.model.case_file import title_fault
+from flashtemp.physics import units
 
 KEYS = {  # of one point: unit, lowest, highest value, default
     "x": ("m", -1.0, 10.0, 0.0),
@@ -91,9 +92,9 @@ def of_rows(rows: Any, key: str = "points") -> Places:
         for name, value in [*row.items()]:
             if name not in known:
                 raise BadInput(f"{key}: point {number}: {name}: unknown key{nearest(name, known)}")
-            if name == "name" and not isinstance(value, str):
-                raise BadInput(f"{key}: point {number}: name: {value!r}; give text in quotes")
-            if name != "name" and units.meant(value):
+            if name == "name" and (said := title_fault(value)):
+                raise BadInput(f"{key}: point {number}: name: {said}")
+            if name != "name" and units.looks_like_quantity(value):
                 row[name] = value = _in_unit(key, number, name, value)
             if name != "name" and (isinstance(value, bool) or not isinstance(value, (int, float))):
                 raise BadInput(f"{key}: point {number}: {name}: {value!r}; give a number ({KEYS[name][0]})")
@@ -116,7 +117,7 @@ def _of_row(row: dict[str, Any], key: str) -> float:
 
 def _in_unit(key: str, number: int, name: str, value: str) -> float:
     try:
-        return units.plain(value, KEYS[name][0], difference=True) if name in KEYS else float("nan")
+        return units.to_unit(value, KEYS[name][0], difference=True) if name in KEYS else float("nan")
     except BadInput as fault:
         raise BadInput(f"{key}: point {number}: {name}: {fault}") from fault
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 
+from flashtemp.camera import cf_attributes
+from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
 from flashtemp.camera.plausible import HOTTEST, extent, fits, parts
 from flashtemp.camera.points import KEYS, Places, of_arrays
 from flashtemp.errors import BadInput, short
@@ -46,7 +49,8 @@ class Recording(Shown):
     one before; `u` (nu,), `v` (nv,) pixel centres in m, increasing; `source` where it came from.  The rest
     is what is known of the camera, None where it is not: `netd_K` noise of one pixel of one frame,
     `fixed_pattern_K` scatter between pixels that stays, `psf_sigma_px` blur, `registration_sigma_px` how well
-    the origin of the image is known.  A view of points has their `places`; u counts them and nv = 1.
+    the origin of the image is known.  A view of points has their `places`; u counts them and nv = 1.  The class of the
+    `camera`, uncooled or cooled, says how large its errors usually are.
     """
 
     view: str
@@ -65,6 +69,7 @@ class Recording(Shown):
     registration_sigma_px: float | None = None
     source: str = ""
     places: Places | None = None
+    camera: str = UNCOOLED
 
     def __post_init__(self):
         if fault := self._fault():
@@ -106,6 +111,8 @@ class Recording(Shown):
 
     def _value_fault(self) -> str | None:
         """In temperatures and what is known of the camera."""
+        if self.camera not in CAMERA_CLASSES:
+            return f"camera: {self.camera!r}; give {' or '.join(CAMERA_CLASSES)}"
         low, high, known = self.span
         if not known:
             return "temperature: no pixel holds a number; choose other frames or another file"
@@ -155,6 +162,8 @@ class Recording(Shown):
         if not flat:
             coords["v"] = ("v", self.v, {"units": "m"})
         known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
+        if self.camera != UNCOOLED:
+            known["camera"] = self.camera
         if self.places is not None:
             known["names"] = NAMED.join(n.replace(NAMED, " ") for n in self.places.names)
         return xr.Dataset(
@@ -227,7 +236,7 @@ class Recording(Shown):
 
 
 def load(path: str | Path, limit: float | None = None) -> Recording:
-    """Read a recording (NetCDF); BadInput names the file and what is missing or wrong.
+    """Read a recording (NetCDF), units by CF conventions; BadInput names the file and what is missing or wrong.
 
     Its size is looked at before anything is read: at most `limit` GB of memory, 1 unless said.
     """
@@ -238,7 +247,10 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
     try:
         bounded_hdf5.check(path, NEEDED.__contains__, partial(_allowed, limit))
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
+        with (
+            warnings.catch_warnings(action="ignore", category=xr.SerializationWarning),  # both marks of missing values
+            xr.open_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as opened,
+        ):
             ds = opened.drop_vars([name for name in opened.variables if name not in NEEDED])
             ds.load()
     except BadInput as fault:
@@ -258,7 +270,6 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     wanted = ("frame", "point" if points else "u") if flat else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
         raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
-    values = T.transpose(*wanted).values.astype(float)
     if not flat and "v" not in ds.variables:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
     given = {}
@@ -268,14 +279,16 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         if name not in given:
             raise BadInput(f"{path}: {name}: {short(repr(ds.attrs[name]))}; give a number")
     try:
+        values = _numbers(ds, "temperature", T.transpose(*wanted))
         return Recording(
             view,
             values[:, None, :] if flat else values,
-            ds["time"].values.astype(float),
-            _whole(ds["repetition"].values),
-            np.arange(values.shape[1], dtype=float) if points else ds["u"].values.astype(float),
-            np.zeros(1) if flat else ds["v"].values.astype(float),
+            _numbers(ds, "time"),
+            _whole(_numbers(ds, "repetition")),
+            np.arange(values.shape[1], dtype=float) if points else _numbers(ds, "u"),
+            np.zeros(1) if flat else _numbers(ds, "v"),
             source=short(str(ds.attrs.get("source", ""))),
+            camera=short(str(ds.attrs.get("camera", UNCOOLED))),
             places=_places(ds, values.shape[1]) if points else None,
             **given,
         )
@@ -289,9 +302,15 @@ def _places(ds, n: int) -> Places:
     if len(names) != n:
         names = list(map(str, range(1, n + 1)))
     try:
-        return of_arrays(names, {k: np.atleast_1d(ds[k].values.astype(float)) for k in KEYS if k in ds.variables})
+        return of_arrays(names, {k: np.atleast_1d(_numbers(ds, k)) for k in KEYS if k in ds.variables})
     except (TypeError, ValueError) as fault:
         raise BadInput(f"{', '.join(KEYS)}: hold what is no number; give one for every point") from fault
+
+
+def _numbers(ds, name: str, variable=None) -> np.ndarray:
+    """A variable of a file, in the unit of the contract.  Raises BadInput."""
+    unit = KEYS[name][0] if name in KEYS else cf_attributes.UNITS[name]
+    return cf_attributes.numbers(name, ds[name] if variable is None else variable, unit)
 
 
 def _allowed(limit: float | None, size: int, what: str, usual: bool) -> None:
@@ -303,6 +322,6 @@ def _allowed(limit: float | None, size: int, what: str, usual: bool) -> None:
 
 def _whole(values: np.ndarray) -> np.ndarray:
     """Numbers of repetitions as integers; BadInput where they are none."""
-    if values.dtype.kind not in "uif" or not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
+    if not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
         raise BadInput("repetition: give whole numbers, counted from 1")
     return values.astype(int)

@@ -11,6 +11,7 @@ from flashtemp.camera.instrument import Instrument
 from flashtemp.camera.observation import check, observe
 from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.physics.quantities import KELVIN
 
 ALIKE = 0.95, 0.01  # emissivity told to the camera, and how well it is known
@@ -88,10 +89,13 @@ def draw(recording: Recording, rng, nuisance: float) -> Faults:
     return Faults((along, up), pattern, truth if recording.emissivity else 1.0, spread)
 
 
-def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 1e-3) -> Recording:
+def expose(
+    run, scene, recording: Recording, faults: Faults, rng, dead: float = 1e-3, camera: SyntheticCamera | None = None
+) -> Recording:
     """The recording with its images: what the camera sees of a run, and its noise.
 
-    The camera turns radiance back with the emissivity it was told, whatever the true one.
+    The camera turns radiance back with the emissivity it was told, whatever the true one.  A `camera` with errors of
+    its own writes a number for every pixel; without one, a share of `dead` pixels is NaN.
     """
     if recording.places is not None:
         true = recording.places
@@ -105,16 +109,29 @@ def expose(run, scene, recording: Recording, faults: Faults, rng, dead: float = 
     change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
     told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)
     seen = observe(run, scene, told, scene.acting, faults.shift, change)
-    shape = recording.temperature.shape
-    T = seen.temperature + faults.pattern_K * rng.normal(size=shape[1:])
+    shape, T = recording.temperature.shape, seen.temperature
+    if camera is not None:
+        T = camera.distort(T, sliding_speed(scene.schedule, recording.time) / recording.pitch[0])
+    T = T + faults.pattern_K * rng.normal(size=shape[1:])
     T = T + (recording.netd_K or 0.0) * rng.normal(size=shape)
-    if recording.view != "profile":
+    if camera is not None:
+        T = camera.degrade(T, recording.time, rng)
+    elif recording.view != "profile":
         T[:, rng.random(shape[1:]) < dead] = np.nan
     return replace(recording, temperature=T)
 
 
-def moments(schedule, sliding: int, waiting: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and repetitions of the frames: dense after each start, the last at the end; then during the wait."""
+def sliding_speed(schedule, times) -> np.ndarray:
+    """Speed (frames,) m/s of the block along u at these times, 0 while it does not slide."""
+    phases = [schedule.phase(float(t)) for t in times]
+    return np.array([p.sliding * p.direction * schedule.speed(t - p.start) for p, t in zip(phases, times, strict=True)])
+
+
+def moments(schedule, sliding: int, waiting: int, crowding: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and repetitions of the frames: dense after each start, the last at the end; then during the wait.
+
+    With a `crowding` of 1 they follow one another evenly, as a camera that runs all the time takes them.
+    """
     times, repetition = [], []
     for r in range(1, schedule.repetitions + 1):
         own = [p for p in schedule.phases if p.repetition == r]
@@ -123,7 +140,7 @@ def moments(schedule, sliding: int, waiting: int) -> tuple[np.ndarray, np.ndarra
             if not part or not count:
                 continue
             begin, end = part[0].begin, part[-1].end
-            times += list(begin + (end - begin) * (np.arange(1, count + 1) / count) ** 1.5)
+            times += list(begin + (end - begin) * (np.arange(1, count + 1) / count) ** crowding)
             repetition += [r] * count
     return np.array(times), np.array(repetition)
 

@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from flashtemp.camera.formats.cells import moment
-from flashtemp.camera.formats.text import decoded
 from flashtemp.camera.import_options import Facts
 from flashtemp.camera.raw_frames import Frames
 from flashtemp.errors import BadInput, short
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import units
+from flashtemp.physics.tables import header
+from flashtemp.physics.tables.records import Record, read_records
+from flashtemp.physics.tables.timestamps import DAY_S, HALF_DAY_S, parse_moments, parse_stamp
+
+TIMES_HEADER = "give a CSV file with columns file,time[,repetition]"
 
 
 @dataclass(frozen=True)
 class Stamps:
-    """What a file says of the times of its frames, without their images; fields as of `Frames`."""
+    """What a file says of the times of its frames, without their images; fields as of `Frames`.
+
+    `starts`: the moments that clock time 0 may be, s since 1970, several where the order of day and month is open; None
+    where a clock counts from 1970 itself, () where it has no date.  `zone`: its offset from UTC, s, where stated.
+    """
 
     count: int
     time: np.ndarray | None = None
     clock: np.ndarray | None = None
     fps: float | None = None
     repetition: np.ndarray | None = None
+    starts: tuple[float, ...] | None = None
+    zone: float | None = None
 
     @classmethod
     def of(cls, pieces: Sequence[Frames | Stamps]) -> Stamps:
@@ -59,7 +66,7 @@ def times(seen: Seen, facts: Facts) -> np.ndarray:
     if len(clocks) == len(seen):
         clock = np.concatenate(clocks)
         if len(clock) == 1 or len(np.unique(clock)) == len(clock):
-            return _from(facts, clock, clock=True)
+            return _from(facts, _dated(clock, seen[0][1], facts), clock=True, zone=seen[0][1].zone)
         if len(seen) == 1 and seen[0][1].fps:
             return _from(facts, np.arange(counts[0]) / seen[0][1].fps, clock=False)
         raise BadInput(f"{seen[0][0]}: frames share a time stamp; give --fps, or --times with the time of every file")
@@ -71,48 +78,89 @@ def times(seen: Seen, facts: Facts) -> np.ndarray:
     raise BadInput(f"{bare}: does not say when its frames were seen; give --fps and --start, or --times FILE.csv")
 
 
-def _from(facts: Facts, relative: np.ndarray, clock: bool) -> np.ndarray:
-    """Times shifted so that the first start of sliding is 0, as the facts say."""
+def _from(facts: Facts, relative: np.ndarray, clock: bool, zone: float | None = None) -> np.ndarray:
+    """Times shifted so that the first start of sliding is 0, as the facts say; `zone` of the clock, s."""
     if facts.start is not None:
         return relative - relative.min() + facts.start
     if facts.zero is not None and clock:
-        begin = moment(facts.zero)
-        if begin is None:
-            raise BadInput(f"zero: {facts.zero!r}; give date and time of the camera's clock, as 2024-05-31T12:00:03.25")
-        return relative - begin
+        begin, own = _zero(facts)
+        if own is not None and zone is None:
+            raise BadInput(f"zero: {facts.zero!r} has a zone, the file's clock has none; give it as that clock shows")
+        return relative - (begin if own is None else begin - own + (zone or 0.0))
     if facts.zero is not None:
         raise BadInput("zero: the files have no usable time stamps; give --start, s from the first start of sliding")
     also = ", or --zero with the camera's clock at the first start of sliding" if clock else ""
     raise BadInput(f"start: missing; give --start, s of the first frame after the first start of sliding{also}")
 
 
+def _zero(facts: Facts) -> tuple[float, float | None]:
+    """The moment that --zero gives, s since 1970 or since midnight, and its zone.  Raises BadInput."""
+    text = facts.zero or ""
+    stamp = parse_stamp(text)
+    if stamp is None or not stamp.clock:
+        raise BadInput(f"zero: {text!r}; give date and time of the camera's clock, as 2024-05-31T12:00:03.25")
+    moments = parse_moments([text], lambda _: "zero")
+    if len(moments.starts) > 1:
+        raise BadInput(f"zero: {text!r}: day and month may stand in either order; write it as 2024-05-31T12:00:03.25")
+    return float(moments.seconds[0]) + (moments.starts[0] if moments.starts else 0.0), moments.zone
+
+
+def _dated(clock: np.ndarray, stamps: Stamps, facts: Facts) -> np.ndarray:
+    """The clock (frames,) with the date that --zero has, where the file leaves it open.  Raises BadInput."""
+    if facts.zero is None or facts.start is not None or stamps.starts is None:
+        return clock
+    has_date = bool((parse_stamp(facts.zero) or parse_stamp("0:00:00")).date)  # type: ignore[union-attr]
+    if not stamps.starts:
+        if has_date:
+            raise BadInput(f"zero: {facts.zero!r}: the file's clock has no date; give the time alone, as 12:00:03.25")
+        return clock
+    if not has_date:
+        raise BadInput(f"zero: {facts.zero!r}: the file's clock has a date; give one too, as 2024-05-31T12:00:03.25")
+    if len(stamps.starts) == 1:
+        return clock + stamps.starts[0]
+    begin, _ = _zero(facts)
+    near = [s for s in stamps.starts if abs(s - begin) < DAY_S + HALF_DAY_S]
+    if len(near) != 1:
+        raise BadInput(f"zero: {facts.zero!r}: day and month of the file may stand in either order; give --start")
+    return clock + near[0]
+
+
 def _rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file with columns file, time and perhaps repetition; BadInput names line and remedy."""
+    """Rows of a CSV file with columns file, time and perhaps repetition, times in s.  BadInput names the line."""
+    where = f"times: {path}"
+    if not path.is_file():
+        raise BadInput(f"{where}: no such file; {TIMES_HEADER}")
     try:
-        if path.is_file() and path.stat().st_size > bounded_reading.MOST_TEXT:
-            raise BadInput("too large")
-        text = decoded(path.read_bytes())
-    except OSError as fault:
-        raise BadInput(f"times: {path}: no such file; give a CSV file with columns file,time") from fault
+        records = read_records(path, where, TIMES_HEADER)
     except BadInput as fault:
-        raise BadInput(f"times: {path}: no text; give a CSV file with columns file,time") from fault
-    lines = bounded_reading.lines(text, f"times: {path}")
-    try:
-        rows = list(csv.DictReader(lines, delimiter=";" if ";" in lines[0] else ",", restval=""))
-    except csv.Error as fault:
-        raise BadInput(f"times: {path}: no text of cells; give a CSV file with columns file,time") from fault
-    if not rows or not {"file", "time"} <= {str(k).strip() for k in rows[0]}:
-        raise BadInput(f"times: {path}: columns file and time are missing; give a header file,time[,repetition]")
-    clean = [{str(k).strip(): str(v).strip() for k, v in row.items()} for row in rows]
-    for line, row in enumerate(clean, 2):
-        for name in {"time", "repetition"} & set(row):
-            try:
-                good = math.isfinite(float(row[name]))
-            except ValueError:
-                good = False
-            if not good:
-                raise BadInput(f"times: {path}:{line}: {name} {short(repr(row[name]))}; give a number")
-    return clean
+        raise BadInput(f"{fault}" if TIMES_HEADER in str(fault) else f"{fault}; {TIMES_HEADER}") from fault
+    named = {label: _times_key(label, where) for label in records[0].cells} if records else {}
+    if not {"file", "time"} <= {key for key, _ in named.values()}:
+        raise BadInput(f"{where}: columns file and time are missing; give a header file,time[,repetition]")
+    return [
+        {named[label][0]: _times_cell(record, *named[label], cell, where) for label, cell in record.cells.items()}
+        for record in records
+    ]
+
+
+def _times_key(label: str, where: str) -> tuple[str, float]:
+    """What a column of times holds, and the factor of its unit to s."""
+    name, unit = header.split_label(label, "s")
+    if name.casefold() != "time" or not unit:
+        return label, 1.0
+    return "time", header.convert_unit(unit, "s", f"{where}: {label!r}")[0]
+
+
+def _times_cell(record: Record, key: str, factor: float, cell: str, where: str) -> str:
+    """A cell of times, its numbers with a point and in s.  Raises BadInput."""
+    if key not in ("time", "repetition"):
+        return cell
+    value = record.number(cell)
+    if value is None and key == "time" and units.looks_like_quantity(cell):
+        return repr(units.to_unit(cell, "s"))
+    if value is None:
+        raise BadInput(f"{where}:{record.line}: {key} {short(repr(cell))}; give a number")
+    return repr(value * factor)
 
 
 def _rows_of(path: Path, frames: Stamps, facts: Facts) -> list[dict[str, str]]:

@@ -107,6 +107,7 @@ def twin(
     views: str = "sidewall,wake",
     nuisance: float = 1.0,
     points: str = "",
+    camera: str = "ideal",
     trust: Trust = False,
     json: Json = False,
 ) -> int:
@@ -132,6 +133,9 @@ def twin(
         Scale of all that is drawn within what a laboratory knows; 0 leaves noise only.
     points
         Thermocouples of the view of points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, with ; between them.
+    camera
+        Errors of the cameras: ideal (noise and dead pixels only), uncooled (shutter, drift, reflection, vignetting,
+        stray light, lag, rows and columns, bad pixels that hold a value) or cooled (the same, smaller).
     """
     from flashtemp.api import campaigns, inputs
 
@@ -144,6 +148,7 @@ def twin(
         views=[view.strip() for view in views.split(",")],
         nuisance=nuisance,
         points=inputs.points(points),
+        camera=camera,
         say=teller(json),
     )
     emit(made.as_dict(), json, str(made))

@@ -9,7 +9,8 @@ from cyclopts import App, CycloptsError
 
 from flashtemp.camera import import_options
 from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
-from flashtemp.model import units
+from flashtemp.cli.words import refuse_odd_words
+from flashtemp.physics import units
 
 __all__ = ["COMMANDS", "NAMES", "CycloptsError", "app", "plain"]
 
@@ -44,7 +45,8 @@ for _number, (_name, _command) in enumerate(zip(NAMES, COMMANDS, strict=True)):
 
 def plain(words: list[str]) -> list[str]:
     """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
-    return words[:1] + units.of_options(words[1:], UNITS.get(words[0], {})) if words else words
+    refuse_odd_words(words)
+    return words[:1] + units.convert_options(words[1:], UNITS.get(words[0], {})) if words else words
 
 
 app.register_install_completion_command(sort_key=len(COMMANDS))

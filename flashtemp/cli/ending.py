@@ -38,7 +38,8 @@ def tell(text: str) -> None:
 def ended(fault: BaseException) -> int:
     """Say in words how a command came to its end; its exit code."""
     if isinstance(fault, BadInput):
-        tell(str(fault))
+        for line in fault.lines:  # a name or value in it may hold ends of lines
+            tell(line.replace("\n", "\\n").replace("\r", "\\r"))
         return BAD
     if isinstance(fault, Interrupted | KeyboardInterrupt):
         tell(str(fault) or "interrupted")

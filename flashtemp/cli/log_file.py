@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from typing import IO, Any
 
+from flashtemp.cli.words import refuse_odd_words, refuse_unwritable
 from flashtemp.errors import BadInput
 
 OPTION = "--log"
@@ -56,10 +57,12 @@ def split(words: list[str]) -> tuple[list[str], str | None]:
 
 @contextmanager
 def logged(file: str | None, words: list[str]) -> Iterator[None]:
-    """While it lasts, stdout and stderr go to the end of a file as well.  Raises OSError."""
+    """While it lasts, stdout and stderr go to the end of a file as well.  Raises BadInput and OSError."""
     if file is None:
         yield
         return
+    refuse_odd_words([file])
+    refuse_unwritable(file, OPTION)
     with ExitStack() as open_:
         log = open_.enter_context(open(file, "a", encoding="utf-8", buffering=1))
         log.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S')} flashtemp {shlex.join(words)}\n")

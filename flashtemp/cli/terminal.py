@@ -19,7 +19,8 @@ from flashtemp.showing import to_json
 __all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
 
 LINE_EVERY, FIRST_LINE = 60.0, 0.1  # s between lines of progress; of it until the first
-FORESEEN = 0.01  # of all that is to be done, below which nothing is said of the time left
+SAMPLES_GROW = 1.05  # from one sample of progress to the next, in time: a hundred say what happened in an hour
+SPEED_PERIOD = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
 
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
@@ -83,7 +84,7 @@ def counter(label: str):
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD) as bar:
         task, shown = bar.add_task(escape(plain(label)), total=None), 0.0
 
         def watch(done: float, total: float) -> None:
@@ -96,18 +97,32 @@ def counter(label: str):
 
 
 class Lines:
-    """Progress as lines for a log: told (done, total), one after six seconds, then one a minute."""
+    """Progress as lines for a log: told (done, total), one after six seconds, then one a minute.
+
+    Time left follows from the pace of the second half of the time so far: the first steps of an integration are short.
+    """
 
     def __init__(self, label: str):
         self.label, self.began, self.told = label, time.monotonic(), 0
         self.pace = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_EVERY))  # s; a page asks for more
+        self.samples = [(0.0, 0.0)]  # (s, done): the last before half of the time, and what came after it
 
     def __call__(self, done: float, total: float) -> None:
         gone = time.monotonic() - self.began
+        if gone > SAMPLES_GROW * self.samples[-1][0]:
+            self.samples.append((gone, done))
+        while len(self.samples) > 2 and self.samples[1][0] <= 0.5 * gone:
+            del self.samples[0]
         if gone > self.pace * (self.told + FIRST_LINE) and 0 < done < total:
             self.told = int(gone / self.pace) + 1
-            left = f", about {gone * (total / done - 1.0):.0f} s left" if done > FORESEEN * total else ""
-            tell(f"{self.label}: {100 * done / total:.0f} %{left}")
+            tell(f"{self.label}: {100 * done / total:.0f} %{self._left(gone, done, total)}")
+
+    def _left(self, gone: float, done: float, total: float) -> str:
+        """How long the rest takes, in words; nothing where nothing has moved lately."""
+        since, before = self.samples[0]
+        if done <= before:
+            return ""
+        return f", about {(gone - since) * (total - done) / (done - before):.0f} s left"
 
 
 def emit(data: Any, as_json: bool, text: str) -> None:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flashtemp.camera import point_tables, recording, synthetic
+import numpy as np
+
+from flashtemp.camera import recording, synthetic, thermocouple_files
+from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
 from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.means import Means
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
-from flashtemp.model import case_file, kinds
+from flashtemp.model import case_file, kinds, schema
+from flashtemp.physics import units
 from flashtemp.physics.interpolation import pairs
+from flashtemp.physics.tables.wanted import FRICTION, TIME
 from flashtemp.showing import Sheet, Shown
 
 NETD = 0.05  # K, of a camera that is imagined
@@ -23,7 +28,7 @@ READ = 40  # times that imagined thermocouples are read per repetition
 MOST = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP = {"title", "case", "free", "candidates", "recording", "force"}
 ENTRY = {
-    "recording": {"file", "view", "points", "with", "sigma_K", "held_out"},
+    "recording": {"file", "view", "points", "with", "sigma_K", "held_out", "camera"},
     "force": {"file", "with", "sigma", "held_out"},
 }
 
@@ -102,7 +107,7 @@ class Campaign(Shown):
         """Entries that share their overrides, in the order in which these first appear."""
         groups: dict[str, Condition] = {}
         for entry in self.entries:
-            key = repr(sorted(entry.given.items(), key=lambda item: item[0]))
+            key = repr(sorted((k, _as_float(v)) for k, v in entry.given.items()))
             now = groups.get(key, Condition(entry.given, (), ()))
             if isinstance(entry, View):
                 groups[key] = replace(now, views=(*now.views, entry))
@@ -155,20 +160,22 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     believed = reader.believed(case, trust)
     under = None if case is None or believed is None else partial(cases.load, case, trust=trust)
     entries = {kind: reader.entries(raw, kind) for kind in ENTRY}
-    views = [v for n, e in enumerate(entries["recording"], 1) if (v := reader.view(e, n, under))]
-    forces = [f for n, e in enumerate(entries["force"], 1) if (f := reader.force(e, n, under))]
+    views = {n: v for n, e in enumerate(entries["recording"], 1) if (v := reader.view(e, n, under))}
+    forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.force(e, n, under))}
+    reader.refuse_repeated("recording", {n: v for n, v in views.items() if "file" in entries["recording"][n - 1]})
+    reader.refuse_repeated("force", forces)
     if not reader.faults and not views and not forces:
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
     priors = reader.priors(raw)
-    free = tuple(priors) if priors is not None else reader.names(raw, "free")
+    free = reader.free(tuple(priors) if priors is not None else reader.names(raw, "free"), believed)
     candidates = reader.candidates(raw, believed)
-    if not isinstance(raw.get("title", ""), str):
-        reader.fault("title", f"{raw['title']!r}; give text in quotes")
+    if said := case_file.title_fault(raw.get("title", "")):
+        reader.fault("title", said)
     if reader.faults or case is None or believed is None:
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
-    free = reader.free(free, believed)
-    return Campaign(title, case, free, tuple(views), tuple(forces), file.parent, candidates, trust, priors or {})
+    entered = tuple(views.values()), tuple(forces.values())
+    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {})
 
 
 @dataclass(frozen=True)
@@ -229,9 +236,11 @@ class _Reader:
         given = raw.get("free")
         if not isinstance(given, dict):
             return None
-        flat: dict[str, Any] = {}
-        for key, value in given.items():  # contact.spot_fraction without quotes is a table in a table
-            flat |= {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+        flat = case_file.flatten_tables(given)  # contact.spot_fraction without quotes is a table in a table
+        for key in flat.keys() & given.keys():
+            table, _, name = key.rpartition(".")
+            if name in (inside if isinstance(inside := given.get(table), dict) else {}):
+                self.fault("free", f"'{key}' is listed twice; once is enough")
         for key, sd in flat.items():
             if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MOST:
                 self.fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MOST:g}")
@@ -241,6 +250,8 @@ class _Reader:
         """Effects that may be missing, all of them known to the case."""
         found = self.names(raw, "candidates")
         known = cases.known() if believed is None else believed.known
+        for name in dict.fromkeys(n for n in found or () if (found or ()).count(n) > 1):
+            self.fault("candidates", f"effect '{name}' is listed twice; once is enough")
         for name in found or ():
             if name not in known:
                 own = name.endswith(".py")
@@ -248,14 +259,28 @@ class _Reader:
                 self.fault("candidates", f"effect '{name}' is not in the catalogue{what}")
         return found
 
-    def free(self, given: tuple[str, ...] | None, believed: cases.Case) -> tuple[str, ...]:
-        """Free keys, those of the case unless given.  Raises BadInput."""
-        known = [f"{t}.{k}" for t, d in believed.values.items() for k in d if "number" in believed.declared(t)[k].kinds]
+    def free(self, given: tuple[str, ...] | None, believed: cases.Case | None) -> tuple[str, ...]:
+        """Free keys, those of the case unless given; each a number of its physics, named once."""
+        if believed is None:
+            return ()
         free = believed.free if given is None else given
-        for key in free:
-            if key not in known:
-                raise BadInput(f"{self.where('free')}: {key!r} is not a number of this case{nearest(key, known)}")
+        for n, key in enumerate(free):
+            if said := schema.free_fault(key, believed.values, believed.known):
+                self.fault("free", said)
+            elif key in free[:n]:
+                self.fault("free", f"'{key}' is listed twice; once is enough")
         return free
+
+    def refuse_repeated(self, kind: str, entries: Mapping[int, View] | Mapping[int, Force]) -> None:
+        """Note entries, by number, that are an earlier one again: a measurement counts once."""
+        for number, entry in entries.items():
+            for earlier, other in entries.items():
+                if earlier >= number:
+                    break
+                if _is_same_measurement(entry, other, self.folder):
+                    what = f"'{entry.file}' holds the same measurement as {kind} {earlier}, '{other.file}'"
+                    self.fault(kind, f"{kind} {number}: file: {what}; list it once", number)
+                    break
 
     def view(self, entry: dict[str, Any], number: int, under: Under | None) -> View | None:
         imagined = self.planned and "view" in entry and "file" not in entry
@@ -266,7 +291,7 @@ class _Reader:
         sound = self._file(entry, "recording", number) if not imagined else True
         if not (self._shared(entry, "recording", number, under) and sound):
             return None
-        given, sigma, held = entry.get("with", {}), entry.get("sigma_K"), entry.get("held_out", False)
+        given, sigma, held = _conditions(entry, under), entry.get("sigma_K"), entry.get("held_out", False)
         if imagined:
             if under is None:
                 return None
@@ -275,15 +300,17 @@ class _Reader:
             except BadInput as fault:
                 self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
-            return View(f"planned {number} {entry['view']}", taken, given, sigma, held)
+            return View(f"planned {number} {entry['view']}", _of_class(taken, entry), given, sigma, held)
         try:
             if "points" not in entry:
                 taken = recording.load(self.folder / entry["file"], self.limit)
             elif under is None:
                 return None
             else:
-                taken = point_tables.read(entry, self.folder, under(given).scene.schedule, f"recording {number}")
-            return View(entry["file"], taken, given, sigma, held)
+                taken = thermocouple_files.read_campaign_points(
+                    entry, self.folder, under(given).scene.schedule, f"recording {number}"
+                )
+            return View(entry["file"], _of_class(taken, entry), given, sigma, held)
         except BadInput as fault:
             own = "points" in entry
             self.faults.extend(f"{self.where('recording', number)}: {line}" if own else line for line in fault.lines)
@@ -294,11 +321,12 @@ class _Reader:
         if not (self._shared(entry, "force", number, under) and sound):
             return None
         try:
-            time, mu = pairs(entry["file"], self.folder, "file")
+            time, mu = pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
         except BadInput as fault:
             self.faults.extend(f"{self.where('force', number)}: force {number}: {line}" for line in fault.lines)
             return None
-        return Force(entry["file"], time, mu, entry.get("with", {}), entry.get("sigma"), entry.get("held_out", False))
+        given, sigma, held = _conditions(entry, under), entry.get("sigma"), entry.get("held_out", False)
+        return Force(entry["file"], time, mu, given, sigma, held)
 
     def _file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
         """Whether the file of an entry is there."""
@@ -320,11 +348,17 @@ class _Reader:
             self.fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
         if not isinstance(given, dict):
             self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
+        elif campaign_wide := sorted({"title", "free", "candidates"} & given.keys()):
+            self.fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
         elif under is not None:
             try:
                 under(given, by="with")
             except BadInput as fault:
                 self.faults.extend(f"{self.where(kind, number)}: {place}: {line}" for line in fault.lines)
+        camera = entry.get("camera", UNCOOLED)
+        if not isinstance(camera, str) or camera not in CAMERA_CLASSES:
+            known = " or ".join(f'"{name}"' for name in CAMERA_CLASSES)
+            self.fault(kind, f"{place}: camera: {camera!r}; give {known}{nearest(str(camera), CAMERA_CLASSES)}", number)
         name = "sigma_K" if kind == "recording" else "sigma"
         sigma = entry.get(name)
         if sigma is not None and (
@@ -334,6 +368,41 @@ class _Reader:
                 kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated", number
             )
         return len(self.faults) == before
+
+
+def _conditions(entry: dict[str, Any], under: Under | None) -> dict[str, Any]:
+    """What an entry says of its condition, {"table.key": value}, numbers without their units."""
+    given = case_file.flatten_tables(entry.get("with", {}))
+    with_units = [key for key, value in given.items() if units.looks_like_quantity(value)]
+    if under is None or not with_units:
+        return given
+    case = under(given)
+    return given | {key: case[key] for key in with_units}
+
+
+def _is_same_measurement(one: View | Force, other: View | Force, folder: Path) -> bool:
+    """Whether two entries hold the same values at the same times, or are one file.
+
+    Two columns of one logger's table are two measurements.  A constant trace may have been typed twice.
+    """
+    if isinstance(one, View) and isinstance(other, View):
+        a, b = one.recording, other.recording
+        same_shape = a.temperature.shape == b.temperature.shape and np.array_equal(a.time, b.time)
+        return same_shape and np.array_equal(a.temperature, b.temperature, equal_nan=True)
+    if isinstance(one, Force) and isinstance(other, Force):
+        copied = (one.time, one.mu) == (other.time, other.mu) and len(set(one.mu)) > 1
+        return copied or (folder / one.file).samefile(folder / other.file)
+    return False
+
+
+def _as_float(value: Any) -> Any:
+    """A whole number as a float, so that 1 and 1.0 are one condition."""
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _of_class(taken: Recording, entry: dict[str, Any]) -> Recording:
+    """A recording with the class of its camera as the campaign states it."""
+    return replace(taken, camera=entry["camera"]) if "camera" in entry else taken
 
 
 def _imagined(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:

@@ -24,6 +24,7 @@ from flashtemp.physics.effect import Deposit, Effect, Term
 from flashtemp.physics.interpolation import pairs
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
 
 LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
 
@@ -170,7 +171,8 @@ def _rows(values: Values, key: str, folder: Path, low: float) -> tuple[tuple[flo
     value = values[table][last]
     if isinstance(value, (int, float)):
         return (0.0,), (float(value),)
-    x, y = pairs(value, folder, key, low, TABLES[table][last].high)
+    wanted = SPEED if key == "schedule.speed" else PRESSURE
+    x, y = pairs(value, folder, key, low, TABLES[table][last].high, (TIME, wanted))
     if x[0] < 0:
         raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
     return x, y

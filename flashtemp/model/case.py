@@ -74,7 +74,8 @@ class Case(Shown):
 
     def with_values(self, changed: Mapping[str, Any]) -> Case:
         """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
-        return assemble(self._raw(), dict(changed), Places(self.name), self.folder, self.name, self.trust, self.own)
+        given = case_file.flatten_tables(changed)
+        return assemble(self._raw(), given, Places(self.name), self.folder, self.name, self.trust, self.own)
 
     def files(self) -> dict[str, str]:
         """Dotted keys whose value is the name of a file, with that name."""

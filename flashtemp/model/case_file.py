@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -11,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput, nearest, short
-from flashtemp.model import layers, priors, units
-from flashtemp.model.schema import APART, NAMED, NEEDED, TABLES, declared, fault
+from flashtemp.model import layers, priors
+from flashtemp.model.schema import APART, NAMED, NEEDED, TABLES, declared, fault, free_fault, named
+from flashtemp.physics import units
 from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
@@ -104,7 +106,7 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
     if not overrides:
         return {}
     if isinstance(overrides, Mapping):
-        return dict(overrides)
+        return flatten_tables(overrides)
     out = {}
     for item in overrides:
         key, eq, text = item.partition("=")
@@ -118,6 +120,22 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
             out[key.strip()] = text.strip()
         except UNREADABLE as fault:
             raise BadInput(f"{key.strip()} (command line): {_said(fault)}; give a shorter value") from fault
+    return flatten_tables(out)
+
+
+def flatten_tables(overrides: Mapping[str, Any]) -> Table:
+    """Overrides with whole tables as keys of their own, so that other keys of these tables stay.
+
+    >>> flatten_tables({"contact": {"pressure": 1e5}, "materials": {"a": {"density": {"value": 1e3, "sd": 9.0}}}})
+    {'contact.pressure': 100000.0, 'materials.a.density': {'value': 1000.0, 'sd': 9.0}}
+    """
+    out: Table = {}
+    for key, value in overrides.items():
+        is_table = "." not in key or (named(key) and key.count(".") == 1)
+        if is_table and isinstance(value, dict) and value:
+            out |= flatten_tables({f"{key}.{name}": inside for name, inside in value.items()})
+        else:
+            out[key] = value
     return out
 
 
@@ -251,10 +269,10 @@ class Reader:
         """A number of a text with its unit, and of all in a list; other values as they are."""
         if isinstance(value, list) and "amounts" in param.kinds:
             return [self._in_unit(table, key, param, v) for v in value]
-        if not units.meant(value) or not {"number", "amount", "amounts"} & set(param.kinds):
+        if not units.looks_like_quantity(value) or not {"number", "amount", "amounts"} & set(param.kinds):
             return value
         try:
-            return units.plain(value, param.unit, difference)
+            return units.to_unit(value, param.unit, difference)
         except BadInput as fault:
             self.fault(f"{table}.{key}", str(fault))
             return param.value
@@ -262,13 +280,12 @@ class Reader:
     def free(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
         """The keys that a fit may move; friction.mu where the case does not say."""
         free = raw.get("free", ["friction.mu"])
-        known = [f"{t}.{k}" for t in values for k, p in declared(t, self.known).items() if "number" in p.kinds]
         if not isinstance(free, list):
             self.fault("free", f'{free!r}; give a list, for example ["friction.mu"]')
             return ()
         for n, key in enumerate(free):
-            if key not in known:
-                self.fault("free", f"{key!r} is not a parameter of this case{nearest(str(key), known)}")
+            if said := free_fault(key, values, self.known):
+                self.fault("free", said)
             elif key in free[:n]:
                 self.fault("free", f"'{key}' is listed twice; once is enough")
         return tuple(free)
@@ -276,9 +293,21 @@ class Reader:
     def title(self, raw: Table, otherwise: str) -> str:
         """The title, or what stands for it."""
         title = raw.get("title", otherwise)
-        if not isinstance(title, str):
-            self.fault("title", f"{title!r}; give text in quotes")
+        if said := title_fault(title):
+            self.fault("title", said)
         return str(title)
+
+
+def title_fault(title: Any) -> str | None:
+    r"""What is wrong with a title or name, or None: neither files nor pictures hold control characters.
+
+    >>> title_fault("run-in, 0.1 m/s"), title_fault("a\x00b")
+    (None, "'a\\x00b' holds a control character; leave it out")
+    """
+    if not isinstance(title, str):
+        return f"{short(repr(title))}; give text in quotes"
+    odd = any(not c.isprintable() and c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs") for c in title)
+    return f"{short(ascii(title))} holds a control character; leave it out" if odd else None
 
 
 def listed(value: Any) -> list[str] | None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import layers
-from flashtemp.model.schema import named
+from flashtemp.model.schema import is_physical_number, named
 from flashtemp.physics.effect import Param
 from flashtemp.physics.material import LIBRARY
 
@@ -50,7 +50,6 @@ OF_LAYERS: dict[str, tuple[float, bool, str]] = {
     "contact_resistance": (0.3, RELATIVE, "like contacts differ so with pressure and finish"),
 }
 OF_NAMED = {"materials": OF_MATERIALS, "layers": OF_LAYERS}
-UNFIT = ("numerics", "output", "limits", "tread", "tyre")  # tables that describe no physics of a run
 
 
 class Stated(Protocol):
@@ -124,13 +123,13 @@ def _numbers(case: Stated) -> list[tuple[str, str, float]]:
     """Table, key and value of all that is a number and describes the physics."""
     out = []
     for table, values in case.values.items():
-        declared = case.declared(table) if table not in UNFIT else {}
+        declared = case.declared(table)
         for key, param in declared.items():
             value = values.get(key)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
                 continue
             follows = table == "block" and key in layers.FOLLOW and bool(layers.names(case.values))
-            if "number" in param.kinds and not follows:
+            if is_physical_number(table, param) and not follows:
                 out.append((table, key, float(value)))
     return out
 
@@ -171,7 +170,7 @@ def stated(value: Any) -> bool:
 
 def fault(param: Param, table: str, given: Mapping[str, Any]) -> str | None:
     """What is wrong with { value, sd } of a key, but for the value itself; None when it is right."""
-    if "number" not in param.kinds or table in UNFIT:
+    if not is_physical_number(table, param):
         return "has no sd; only numbers of block, road, contact and test can be uncertain: give the value alone"
     if set(given) != {"value", "sd"}:
         return "give { value = ..., sd = ... }"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from flashtemp.errors import nearest, short
 from flashtemp.physics.effect import Effect, Param, catalogue
 
 LEVELS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
@@ -166,6 +167,7 @@ LAYER = {
     ),
 }  # fmt: skip
 NAMED = {"materials": MATERIAL, "layers": LAYER}  # tables of many: [materials.NAME]
+COMPUTATION = ("numerics", "output", "limits")  # tables that describe how a run is computed and kept
 NEEDED = (*MATERIAL.values(), LAYER["material"], LAYER["thickness"])  # have no default that would do
 
 
@@ -177,6 +179,27 @@ def named(table: str) -> str:
     """
     kind, dot, _ = table.partition(".")
     return kind if dot and kind in NAMED else ""
+
+
+def is_physical_number(table: str, param: Param) -> bool:
+    """Whether a key is a number of the physics of a run: it may be uncertain, and a fit may move it.
+
+    Keys of the computation, of commands of their own, choices, texts and whole numbers are none.
+    """
+    return "number" in param.kinds and table not in COMPUTATION and table not in APART
+
+
+def free_fault(key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping[str, type[Effect]]) -> str | None:
+    """What is wrong with a key of `free` in a case with `values` by table, or None."""
+    params = {f"{table}.{name}": (table, p) for table in values for name, p in declared(table, known).items()}
+    fittable = [name for name, (table, p) in params.items() if is_physical_number(table, p)]
+    if not isinstance(key, str) or key not in params:
+        return f"{short(repr(key))} is not a parameter of this case{nearest(str(key), fittable)}"
+    if key in fittable:
+        return None
+    table, param = params[key]
+    why = "belongs to the computation" if "number" in param.kinds else "is no number of the physics"
+    return f"{key!r} {why}, so no fit can move it; leave it out, or name a number of block, road, contact or an effect"
 
 
 def refinement(level: str | float) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Array, Value
+from flashtemp.physics.tables.table import TextTable, read_table
+from flashtemp.physics.tables.wanted import WantedColumn, read_wanted
 
 Source = Any  # of a case: a CSV file's name, or rows
 COMMA = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
@@ -92,29 +93,41 @@ class Surface:
         return Curve(self.v, tuple(row))(v)
 
 
-def rows(source: Source, folder: Path, key: str, columns: int) -> Array:
+def rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]) -> Array:
     """Rows (n, columns) of numbers from a list of lists or a CSV file name.
 
+    `columns` are the quantities that the key takes, in their order, or only their number.  Those of a file are found by
+    the names in its header and turned into the unit of the quantity; without names their order counts.
     Raises BadInput naming the key, the file and its line.
     """
-    if isinstance(source, (list, tuple)):
-        data = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
-        where = [f"{key}: row {i + 1}" for i in range(len(data))]
-    else:
-        data, where = _read(source, folder, key)
+    return _read_rows(source, folder, key, columns)[0]
+
+
+def _read_rows(
+    source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
+) -> tuple[Array, TextTable | None]:
+    """Rows of numbers and the table that they stand in, None for a list."""
+    count = columns if isinstance(columns, int) else len(columns)
+    if not isinstance(source, (list, tuple)):
+        table = _read_file(source, folder, key)
+        if isinstance(columns, int):
+            columns = [WantedColumn(f"number {n + 1}", "1", "") for n in range(count)]
+        return read_wanted(table, columns), table
+    data = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
     if not data:
-        name = f" {source}:" if isinstance(source, str) else ""
-        raise BadInput(f"{key}:{name} no rows of numbers; give {columns} numbers per row, separated by commas")
-    for place, row in zip(where, data, strict=True):
-        if len(row) != columns:
-            raise BadInput(f"{place}: {row!r} has {len(row)} values; give {columns} numbers per row")
+        raise BadInput(f"{key}: no rows of numbers; give {count} numbers per row, separated by commas")
+    for number, row in enumerate(data, 1):
+        place = f"{key}: row {number}"
+        if len(row) != count:
+            raise BadInput(f"{place}: {row!r} has {len(row)} values; give {count} numbers per row")
         for v in row:
             if isinstance(v, bool) or not isinstance(v, (int, float)) or not math.isfinite(v):
                 raise BadInput(f"{place}: {v!r} is not a finite number; remove or repair the row")
-    return np.array(data, dtype=float)
+    return np.array(data, dtype=float), None
 
 
-def _read(source: Source, folder: Path, key: str) -> tuple[list[list[float]], list[str]]:
+def _read_file(source: Source, folder: Path, key: str) -> TextTable:
+    """The table of a file.  Raises BadInput."""
     if not isinstance(source, str):
         raise BadInput(f"{key}: {source!r}; give a CSV file name or a list of rows")
     path = folder / source
@@ -122,58 +135,37 @@ def _read(source: Source, folder: Path, key: str) -> tuple[list[list[float]], li
         if COMMA.fullmatch(source):
             raise BadInput(f"{key}: '{source}'; write the number with a point: {source.replace(',', '.')}")
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
-    text = bounded_reading.raw(path, f"{key}: {source}")
-    try:
-        lines = bounded_reading.lines(text.decode("utf-8-sig"), f"{key}: {source}")
-        table = list(csv.reader(lines))
-    except (UnicodeDecodeError, csv.Error) as fault:
-        raise BadInput(f"{key}: {source}: not a text file of numbers; give a CSV file") from fault
-    return _numbers(table, f"{key}: {source}")
-
-
-def _numbers(table: list[list[str]], name: str) -> tuple[list[list[float]], list[str]]:
-    """Rows of numbers and where they stand; one row of words may stand above them, and comments anywhere."""
-    data, where, header = [], [], False
-    for number, line in enumerate(table, 1):
-        cells = [c.strip() for c in line]
-        if not any(cells) or cells[0].startswith("#"):
-            continue
-        row = [bounded_reading.number(c) for c in cells]
-        known = [v for v in row if v is not None]
-        if len(known) == len(cells):
-            data.append(known)
-            where.append(f"{name}:{number}")
-        elif not data and not header and not known and not any(map(bounded_reading.mistyped, cells)):
-            header = True
-        else:
-            raise BadInput(
-                f"{name}:{number}: {bounded_reading.told(cells)} is not numeric; give numbers separated by commas, with"
-                " at most one row of names above them"
-            )
-    return data, where
+    return read_table(path, f"{key}: {source}")
 
 
 def pairs(
-    source: Source, folder: Path, key: str, low: float = -math.inf, high: float = math.inf
+    source: Source,
+    folder: Path,
+    key: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    columns: int | Sequence[WantedColumn] = 2,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Two columns with the first strictly increasing and the second from low to high."""
-    table = rows(source, folder, key, 2)
-    step = np.diff(table[:, 0])
+    """Two columns with the first strictly increasing and the second from low to high; `columns` as of `rows`."""
+    data, table = _read_rows(source, folder, key, columns)
+    step = np.diff(data[:, 0])
     if np.any(step <= 0):
         k = int(np.argmax(step <= 0))
-        raise BadInput(
-            f"{key}: first column goes from {table[k, 0]:g} to {table[k + 1, 0]:g}; it must increase strictly"
-        )
-    outside = (table[:, 1] < low) | (table[:, 1] > high)
+        place = f"{key}: row {k + 2}" if table is None else table.place(k + 1)
+        what = "first column" if isinstance(columns, int) else columns[0].quantity
+        raise BadInput(f"{place}: {what} goes from {data[k, 0]:g} to {data[k + 1, 0]:g}; it must increase strictly")
+    outside = (data[:, 1] < low) | (data[:, 1] > high)
     if np.any(outside):
-        bad, upper = table[np.argmax(outside), 1], f" and <= {high:g}" if high < math.inf else ""
-        raise BadInput(f"{key}: value {bad:g} in the table; give values >= {low:g}{upper}")
-    return tuple(table[:, 0].tolist()), tuple(table[:, 1].tolist())
+        k = int(np.argmax(outside))
+        upper = f" and <= {high:g}" if high < math.inf else ""
+        place = key if table is None else table.place(k)
+        raise BadInput(f"{place}: value {data[k, 1]:g} in the table; give values >= {low:g}{upper}")
+    return tuple(data[:, 0].tolist()), tuple(data[:, 1].tolist())
 
 
-def grid(source: Source, folder: Path, key: str) -> Surface:
-    """A Surface from rows (u, v, z) that fill a complete grid."""
-    table = rows(source, folder, key, 3)
+def grid(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn] = 3) -> Surface:
+    """A Surface from rows (u, v, z) that fill a complete grid; `columns` as of `rows`."""
+    table = rows(source, folder, key, columns)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
     places, count = np.unique(table[:, :2], axis=0, return_counts=True)
     if np.any(count > 1):

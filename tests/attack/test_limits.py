@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.errors import AuditFailure, SolverFailure
+from flashtemp.camera.plausible import HOTTEST
+from flashtemp.camera.recording import Recording
+from flashtemp.errors import AuditFailure, BadInput, SolverFailure
 from flashtemp.model.case import load
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import Interface
@@ -104,3 +107,34 @@ def test_heat_that_is_lost_on_the_way_fails(folder, monkeypatch, capsys, lost, n
     assert not (folder / "out").exists()
     assert name in json.loads((folder / "out.failed" / "summary.json").read_text())["failed"]
     assert (folder / "out.failed" / "run.nc").is_file()
+
+
+@pytest.mark.parametrize("lost", [1e-12, 1e-3])
+def test_every_imbalance_that_is_shown_is_that_of_the_books(folder, lost):
+    """The number of summary.json and of the text follows heat that is taken out of the books of a run."""
+    whole = run(folder)
+    books = whole.energy | {"block": whole.energy["block"] - lost * whole.energy["friction"]}
+    short = replace(whole, energy=books)
+    moved = max(abs(values[-1]) for name, values in books.items() if name != "share")
+    expected = lost * whole.energy["friction"][-1] / moved
+    assert short.energy_imbalance == pytest.approx(expected, rel=1e-2)
+    assert short.summary["energy_imbalance"] == short.energy_imbalance
+    assert f"energy imbalance {short.energy_imbalance:.1e}" in str(short)
+
+
+def recording(degC):
+    """Three frames of one temperature."""
+    return Recording(
+        "sidewall", np.full((3, 3, 4), degC), np.arange(3.0), np.ones(3, int), np.arange(4.0), np.arange(3.0)
+    )
+
+
+@pytest.mark.parametrize("degC", [-273.0, 20.0, HOTTEST])
+def test_recordings_up_to_what_cameras_measure_are_taken(degC):
+    assert recording(degC).temperature[0, 0, 0] == degC
+
+
+@pytest.mark.parametrize("degC", [HOTTEST + 1.0, 1e6, -273.2, -1e6])
+def test_recordings_hotter_or_colder_than_any_camera_measures_are_refused(degC):
+    with pytest.raises(BadInput, match="hotter than any camera" if degC > 0 else "absolute zero"):
+        recording(degC)

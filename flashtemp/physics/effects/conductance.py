@@ -12,6 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
 from flashtemp.physics.friction.microcontact_conductance import sliding
 from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.tables.wanted import CONDUCTANCE, SPEED
 
 
 class Conductance(Effect):
@@ -54,7 +55,7 @@ class Conductance(Effect):
                 )
             values["alpha"] = lambda v: a0 + a1 * v**0.5
         elif isinstance(alpha, (list, str)):
-            x, y = pairs(alpha, folder, key)
+            x, y = pairs(alpha, folder, key, columns=(SPEED, CONDUCTANCE))
             if min(y) <= 0:
                 raise BadInput(f"{key}: {min(y):g} W/m2K in the table; give values > 0")
             values["alpha"] = Curve(x, y) if len(x) > 1 else (lambda v: y[0])

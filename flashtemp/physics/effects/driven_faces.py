@@ -16,6 +16,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Heat, Param, Term
 from flashtemp.physics.interpolation import Curve, pairs
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.physics.tables.wanted import TEMPERATURE, TIME
 
 SITES = {"face": "block.face", "back": "block.holder"}
 
@@ -45,7 +46,8 @@ class DrivenFaces(Effect):
         pace = 0.0
         for key in SITES:
             if values[key] is not None:
-                t, T = pairs(values[key], folder, f"driven_faces.{key}", low=-KELVIN, high=5000.0)
+                name, wanted = f"driven_faces.{key}", (TIME, TEMPERATURE)
+                t, T = pairs(values[key], folder, name, low=-KELVIN, high=5000.0, columns=wanted)
                 pace = max(pace, (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else 0.0)
                 values[key] = Curve(t, T) if len(t) > 1 else (lambda at, T=T[0]: T)
         return values | {"pace": pace}

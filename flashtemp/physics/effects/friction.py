@@ -12,6 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Param, Term
 from flashtemp.physics.interpolation import grid, rows
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.physics.tables.wanted import FRICTION, SHARE, SOURCE_DEPTH, SPEED, TEMPERATURE
 
 
 class Friction(Effect):
@@ -33,11 +34,11 @@ class Friction(Effect):
     def prepare(cls, values, folder):
         """Read the table; shares of a spectrum may not exceed 1 together."""
         if values["table"] is not None:
-            values["table"] = grid(values["table"], folder, "friction.table")
+            values["table"] = grid(values["table"], folder, "friction.table", (SPEED, TEMPERATURE, FRICTION))
             if values["table"]._grid.min() < 0:
                 raise BadInput(f"friction.table: holds mu = {values['table']._grid.min():g}; give mu >= 0")
         if values["spectrum"] is not None:
-            spectrum = rows(values["spectrum"], folder, "friction.spectrum", 2)
+            spectrum = rows(values["spectrum"], folder, "friction.spectrum", (SHARE, SOURCE_DEPTH))
             if spectrum[:, 0].min() < 0:
                 raise BadInput(f"friction.spectrum: share {spectrum[:, 0].min():g}; give shares >= 0")
             if spectrum[:, 0].sum() > 1 + 1e-12:

@@ -14,6 +14,7 @@ import numpy as np
 
 from flashtemp.physics.effect import Effect, Heat, Param
 from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.tables.wanted import PLACE_X, RELATIVE_VALUE, TIME
 
 
 class HeatedFace(Effect):
@@ -36,8 +37,8 @@ class HeatedFace(Effect):
     @classmethod
     def prepare(cls, values, folder):
         """Read the tables; those not given are 1."""
-        for key in ("course", "place"):
-            values[key] = _curve(values[key], folder, f"heated_face.{key}")
+        for key, along in (("course", TIME), ("place", PLACE_X)):
+            values[key] = _curve(values[key], folder, f"heated_face.{key}", along)
         return values
 
     def heat(self, scene, p):
@@ -60,9 +61,9 @@ class HeatedFace(Effect):
         yield Heat.zone("block", inside)
 
 
-def _curve(given, folder, key):
+def _curve(given, folder, key, along):
     """Curve of a table, 1 where none is given."""
     if given is None:
         return lambda at: 1.0
-    at, y = pairs(given, folder, key, low=0.0)
+    at, y = pairs(given, folder, key, low=0.0, columns=(along, RELATIVE_VALUE))
     return Curve(at, y) if len(at) > 1 else (lambda at: y[0])

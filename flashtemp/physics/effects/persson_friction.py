@@ -83,7 +83,9 @@ class PerssonFriction(Effect):
 
         def fraction(T, now, p):
             v, face = max(now.last_speed, friction_table.SLOWEST), scene.ambient if now.face is None else now.face
-            return 1.0 + p.weight * (covering(v, now.local_pressure, face) / now.base - 1.0)
+            lifted = np.real(now.base) <= 0.0  # 0/0: nothing touches there by either law
+            ratio = covering(v, now.local_pressure, face) / np.where(lifted, 1.0, now.base)
+            return np.where(lifted, 1.0, 1.0 + p.weight * (ratio - 1.0))
 
         yield Factor("friction.mu", law)
         if p.spots == "theory":

@@ -14,6 +14,7 @@ from scipy.interpolate import RegularGridInterpolator
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Factor, Param
 from flashtemp.physics.interpolation import Curve, grid, pairs
+from flashtemp.physics.tables.wanted import PLACE_X, PLACE_Y, RELATIVE_PRESSURE
 
 
 class PressureProfile(Effect):
@@ -54,7 +55,8 @@ def _curve(given, folder, key, axis):
     """Curve of a table, 1 where none is given."""
     if given is None:
         return lambda at: 1.0
-    at, y = pairs(given, folder, key, low=0.0)
+    place = PLACE_X if axis == "x" else PLACE_Y
+    at, y = pairs(given, folder, key, low=0.0, columns=(place, RELATIVE_PRESSURE))
     if len(at) < 2 or max(y) <= 0:
         raise BadInput(
             f"{key}: {len(at)} row(s), largest {max(y):g}; give at least two rows of [{axis} in m, relative pressure], "
@@ -67,7 +69,7 @@ def _map(given, folder, key):
     """Bilinear map of a table of x and y, its edges held outside; 1 where none is given."""
     if given is None:
         return lambda x, y: 1.0
-    table = grid(given, folder, key)
+    table = grid(given, folder, key, (PLACE_X, PLACE_Y, RELATIVE_PRESSURE))
     z, nodes = np.asarray(table.z), (np.asarray(table.u), np.asarray(table.v))
     if z.min() < 0 or z.max() <= 0 or min(z.shape) < 2:
         raise BadInput(

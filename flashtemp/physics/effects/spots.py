@@ -38,6 +38,8 @@ class Spots(Effect):
         def law(T, now, p):
             if p.spot_exponent == 0:
                 return p.spot_fraction
-            return np.minimum(1.0, p.spot_fraction * (now.local_pressure / p.reference_pressure) ** p.spot_exponent)
+            pressed = now.local_pressure / p.reference_pressure
+            pressed = np.where(np.real(pressed) > 0.0, pressed, 0.0)  # p^n has no slope where nothing presses
+            return np.minimum(1.0, p.spot_fraction * pressed**p.spot_exponent)
 
         yield Term("contact.spot_fraction", law)

@@ -18,6 +18,7 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
 from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
 
 LITERATURE = float(np.log(4.0) / 100.0)  # 1/K
 
@@ -46,7 +47,7 @@ class Wear(Effect):
                 raise BadInput(f'wear.temperature: {given!r}; give a number (1/K) or "literature"')
             values["temperature"] = LITERATURE
         if values["profile"] is not None:
-            x, y = pairs(values["profile"], folder, "wear.profile")
+            x, y = pairs(values["profile"], folder, "wear.profile", columns=(PLACE_X, WORN_DEPTH))
             values["profile"] = Curve(x, y) if len(x) > 1 else (lambda at: y[0] + 0.0 * at)
         return values
 

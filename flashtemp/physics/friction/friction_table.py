@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.friction.heat_kernels import felt
 from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.just_in_time import njit
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 

@@ -17,10 +17,11 @@ import numpy as np
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Value
+from flashtemp.physics.tables.cells import is_missing, parse_number
+from flashtemp.physics.tables.table import read_text
 
 DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?")
-MISSING = {"", "-", "--", "nan", "n/a", "na"}
+NO_UNIT = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
 ALIKE = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
 SAMPLE = 200  # lines that tell separator and decimal sign
 LONGEST_NAME = 80  # characters of a column's name with its unit
@@ -107,7 +108,7 @@ def read(
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
     name = f"{key}: {source}"
     prefix = f"{name}:"
-    lines = bounded_reading.lines(_text(path, prefix), name)
+    lines = bounded_reading.lines(read_text(path, name), name)
     dialect = _dialect(lines)
     header, data, at, width = _parts(lines, dialect, prefix)
     if not data:
@@ -137,33 +138,14 @@ def _si(values: Value, quantity: Quantity, unit: str) -> np.ndarray:
     return factor * np.asarray(values, dtype=float) + zero
 
 
-def _text(path: Path, prefix: str) -> str:
-    raw = bounded_reading.raw(path, prefix.rstrip(":"))
-    try:
-        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            return raw.decode("utf-16")
-        if b"\0" in raw:
-            raise BadInput(f"{prefix} not a text file; give columns of numbers")
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")  # the degree sign of older programs
-
-
 def _cells(line: str, separator: str) -> list[str]:
     parts = line.split() if separator == " " else line.rstrip().rstrip(separator).split(separator)
     return [c[1:-1].strip() if len(c) > 1 and c[0] == c[-1] == '"' else c for c in map(str.strip, parts)]
 
 
 def _number(cell: str, comma: bool) -> float | None:
-    if len(cell) > bounded_reading.LONGEST_NUMBER:
-        return None
-    if comma:
-        if "." in cell or cell.count(",") > 1 or cell.endswith(","):
-            return None
-        cell = cell.replace(",", ".")
-    if NUMBER.fullmatch(cell):
-        return float(cell.replace("d", "e").replace("D", "e"))
-    return float("nan") if cell.lower() in MISSING else None
+    """The number of a cell, NaN for a mark of a missing one, None for words."""
+    return float("nan") if is_missing(cell) else parse_number(cell, comma)
 
 
 def _row(line: str, dialect: Value) -> list[float] | None:
@@ -283,7 +265,7 @@ def _with_units(named: Value, parts: Value, below: list[str], quantities: Value,
     columns = {}
     for name, (i, raw, own) in named.items():
         stated = own or line.get(name) or ""
-        if stated in MISSING and stated not in known[name].units:
+        if stated in NO_UNIT and stated not in known[name].units:
             stated = ""
         if stated and stated not in known[name].units:
             units = ", ".join(u for u in known[name].units if u)

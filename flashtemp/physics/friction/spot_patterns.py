@@ -127,7 +127,7 @@ def read_map(file: Path, key: str) -> ContactMap:
     try:
         with np.load(file) as held:
             covered, pixel = np.asarray(held["covered"], dtype=float), np.asarray(held["pixel_m"], dtype=float)
-    except (OSError, ValueError, KeyError) as fault:
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as fault:
         raise BadInput(f"{key}: {file} is no contact map; give a .npz file that 'flashtemp spots' wrote") from fault
     good = covered.ndim == 2 and pixel.shape == (2,) and np.all(pixel > 0) and covered.min() >= 0 and covered.max() <= 1
     if not good or not covered.any():

@@ -1,0 +1,85 @@
+"""CF conventions of a recording's variables: units, offsets, marks of missing values; numbers in the units asked for.
+
+Climate and Forecast (CF) metadata conventions 1.11, sections 2.5 (missing data), 3.1 (units), 4.3 (vertical
+coordinate) and 8.1 (packed data).  The library that opens a file has replaced `_FillValue` and `missing_value`, and
+applied `scale_factor` and `add_offset`, before a variable comes here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import units
+
+UNITS = {"temperature": "degC", "time": "s", "repetition": "1", "u": "m", "v": "m"}  # beside those of points
+UPWARDS = ("v", "z")  # grow upwards from the interface
+SEEN_AS = {"temperature": "temperature", "time": "time"}  # what a standard name has in it
+
+
+def numbers(name: str, variable: Any, unit: str) -> np.ndarray:
+    """Values of an xarray variable as floats in `unit`; values outside its valid range are NaN.
+
+    A variable without units has that unit already (contract 5.4).  Raises BadInput naming variable, unit and remedy.
+    """
+    values = _within_valid_range(name, variable)
+    _refuse_other_meaning(name, variable.attrs)
+    text = variable.attrs.get("units")
+    if text is None or (unit == "1" and text in ("", "1")):
+        return values
+    shown = short(repr(text if isinstance(text, str) else np.asarray(text).tolist()))
+    if not isinstance(text, str):
+        raise BadInput(f"{name}: units = {shown}; give text, such as {unit!r}")
+    if " since " in f" {text.lower()} ":
+        raise BadInput(
+            f"{name}: units = {shown} is a date; give s from the first start of sliding, units = {unit!r}"
+            if unit == "s"
+            else f"{name}: units = {shown} is a date; give units = {unit!r}"
+        )
+    try:
+        factor, offset = units.conversion(text, unit)
+    except BadInput as fault:
+        said = "a number without a unit" if unit == "1" else unit
+        raise BadInput(f"{name}: units = {shown} cannot be turned into {said}; give units = {unit!r}") from fault
+    return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
+
+
+def _refuse_other_meaning(name: str, attrs: dict[str, Any]) -> None:
+    """BadInput where attributes say that a variable is another quantity than its name says."""
+    standard = attrs.get("standard_name")
+    if isinstance(standard, str) and standard and SEEN_AS.get(name, "") not in standard.lower():
+        raise BadInput(f"{name}: standard_name = {short(repr(standard))}; give the variable that holds {SEEN_AS[name]}")
+    about = attrs.get("units_metadata")
+    if name == "temperature" and isinstance(about, str) and "difference" in about.lower():
+        raise BadInput(f"{name}: units_metadata = {short(repr(about))}; give temperatures, not differences")
+    positive = attrs.get("positive")
+    if name in UPWARDS and isinstance(positive, str) and positive.lower() == "down":
+        raise BadInput(f"{name}: positive = 'down'; turn its sign, it grows upwards from the interface")
+
+
+def _within_valid_range(name: str, variable: Any) -> np.ndarray:
+    """Values as floats, NaN where they lie outside the range that the file calls valid.  Raises BadInput."""
+    values = np.asarray(variable.values)
+    if values.dtype.kind not in "uif":
+        raise BadInput(f"{name}: holds {values.dtype} values; give numbers")
+    values = values.astype(float)
+    low, high = _valid_range(name, variable)
+    if low > -np.inf or high < np.inf:
+        values = np.where((values >= low) & (values <= high), values, np.nan)
+    return values
+
+
+def _valid_range(name: str, variable: Any) -> tuple[float, float]:
+    """Lowest and highest valid value; whole numbers are packed as the values are in the file.  Raises BadInput."""
+    attrs, encoding = variable.attrs, variable.encoding
+    ends = attrs.get("valid_range", (attrs.get("valid_min", -np.inf), attrs.get("valid_max", np.inf)))
+    found = [np.asarray(end) for end in np.atleast_1d(ends)] if np.ndim(ends) == 1 else []
+    if len(found) != 2 or any(end.dtype.kind not in "uif" or end.size != 1 for end in found):
+        raise BadInput(f"{name}: valid_range = {short(repr(ends))}; give two numbers, or leave it out")
+    scale, offset = encoding.get("scale_factor", 1.0), encoding.get("add_offset", 0.0)
+    given = [end for key in ("valid_range", "valid_min", "valid_max") for end in np.atleast_1d(attrs.get(key, []))]
+    is_packed = bool(given) and all(np.asarray(end).dtype.kind in "ui" for end in given)
+    low, high = sorted(float(end) * float(scale) + float(offset) if is_packed else float(end) for end in found)
+    return low, high

@@ -1,0 +1,400 @@
+"""Bad pixels, bad lines, frozen frames and shutter events of a recording, found from its own frames.
+
+Robust methods with published names: scales from the median absolute deviation (Rousseeuw & Croux, J. Am. Stat. Assoc.
+88, 1993, 1273), outliers against order statistics of neighbours (conditional rank filter; Tukey 1977, Pitas &
+Venetsanopoulos 1990) and over time, components of noise in space and time as in the 3-D noise model (D'Agostino &
+Webb, Proc. SPIE 1488, 1991).  Every threshold follows from FALSE_ALARMS by Bonferroni's inequality.
+
+Three things keep edges and real heat from being taken for defects.  A value must stand outside the range of its
+neighbours along both axes, which no edge and no corner does.  It must be sharper than the point spread of the optics
+allows.  And it must be the same in the coldest frames as in the hottest, or change at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.camera_classes import CAMERA_CLASSES
+
+if TYPE_CHECKING:
+    from flashtemp.camera.recording import Recording
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+FALSE_ALARMS = 0.01  # expected per recording and kind of defect where there is none
+MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
+EFFICIENCY = 0.37  # of the MAD against the standard deviation (Rousseeuw & Croux 1993): its degrees of freedom
+COMPUTED_K = 1e-3  # less noise than any camera has: frames were computed, not measured
+USUAL_PSF_PX = 0.7  # width of a point spread that a recording does not state
+PIXEL_SD = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
+ALL, WITHIN = 0.98, 3.0  # fraction of pixels that a common step explains within so many standard deviations
+BATCH = 64  # frames at a time
+FAR = 2  # neighbours on each side
+LEAST = 100  # pixels of which a scale is taken
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """What a recording (frames, nv, nu) shows of its camera's defects.
+
+    `stuck`, `off_level` and `flickering` pixels (nv, nu); bad `rows` and `columns` by index; `frozen` frames (frames,)
+    repeat the one before; `shutter_events` are indices of the first frame after a jump of the common offset.
+    """
+
+    stuck: Mask
+    off_level: Mask
+    flickering: Mask
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    frozen: Mask
+    shutter_events: tuple[int, ...]
+
+    @property
+    def bad(self) -> Mask:
+        """Pixels (nv, nu) that no comparison may use."""
+        out = self.stuck | self.off_level | self.flickering
+        out[list(self.rows)] = True
+        out[:, list(self.columns)] = True
+        return out
+
+    @property
+    def words(self) -> str:
+        """One line for people, empty where nothing was found."""
+        single = ~self._lines
+        found = (
+            (int((self.stuck & single).sum()), "stuck pixel"),
+            (int((self.off_level & ~self.stuck & single).sum()), "pixel off level"),
+            (int((self.flickering & ~self.off_level & ~self.stuck & single).sum()), "flickering pixel"),
+            (len(self.rows), "bad row"),
+            (len(self.columns), "bad column"),
+            (int(self.frozen.sum()), "frozen frame"),
+        )
+        parts = [f"{n} {_plural(name, n)}" for n, name in found if n]
+        jumps = len(self.shutter_events)
+        left_out = f"left out {', '.join(parts)}" if parts else ""
+        shutter = f"{jumps} {_plural('shutter event', jumps)} found" if jumps else ""
+        return "; ".join(filter(None, (left_out, shutter)))
+
+    @property
+    def _lines(self) -> Mask:
+        out = np.zeros(self.stuck.shape, bool)
+        out[list(self.rows)] = True
+        out[:, list(self.columns)] = True
+        return out
+
+    def applied(self, recording: Recording) -> Recording:
+        """The recording without frozen frames, NaN at bad pixels; the same object where there is nothing to mask."""
+        from dataclasses import replace
+
+        out = recording.chosen(~self.frozen) if self.frozen.any() else recording
+        bad = self.bad
+        return replace(out, temperature=np.where(bad, np.nan, out.temperature)) if bad.any() else out
+
+
+def _plural(name: str, n: int) -> str:
+    if n == 1:
+        return name
+    return name.replace("pixel off", "pixels off") if "pixel off" in name else f"{name}s"
+
+
+def screen_recording(recording: Recording) -> Screening:
+    """Find the defects of a recording's camera; points (thermocouples) and computed frames have none."""
+    T = recording.temperature
+    n, shape = len(T), T.shape[1:]
+    none = np.zeros(shape, bool)
+    clean = Screening(none, none, none, (), (), np.zeros(n, bool), ())
+    if recording.places is not None or T[0].size < 3:
+        return clean
+    sigma = temporal_noise(T)
+    if not sigma > COMPUTED_K:
+        return clean
+    frozen = _frozen_frames(T)
+    live = T[~frozen] if frozen.any() else T
+    sharp = _sharpness(recording.psf_sigma_px)
+    stuck = _stuck_pixels(live, sigma)
+    good = np.where(stuck, np.nan, live) if stuck.any() else live
+    off_level, flickering = _isolated(good, sigma, sharp)
+    alone = np.where(off_level | flickering, np.nan, good)
+    rows, columns = (_bad_lines(alone, stuck, axis, sigma, sharp) for axis in (1, 2))
+    events = np.flatnonzero(~frozen)[shutter_events(good, recording.chosen(~frozen), sigma)]
+    return Screening(stuck, off_level, flickering, rows, columns, frozen, tuple(map(int, events)))
+
+
+def temporal_noise(T: Array) -> float:
+    """Standard deviation (K) of a pixel from frame to frame; smooth heat, common offsets and edges count for little.
+
+    MAD of second differences along the image of first differences in time; of the image alone where it is one frame.
+    """
+    axis = 2 if T.shape[2] > 2 else 1
+    steps = np.diff(np.diff(T, axis=0) if len(T) > 1 else T, n=2, axis=axis)
+    return _mad(steps) / np.sqrt(12.0 if len(T) > 1 else 6.0)
+
+
+def _mad(values: Array) -> float:
+    values = values[np.isfinite(values)]
+    return MAD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+
+
+def _limit(tests: int, sample: int) -> float:
+    """Standard deviations that none of so many `tests` exceeds by chance, the scale being known from a `sample`."""
+    from scipy.stats import t
+
+    return float(t.isf(0.5 * FALSE_ALARMS / max(tests, 1), max(EFFICIENCY * sample, 2.0)))
+
+
+def _frozen_frames(T: Array) -> Mask:
+    """Frames (frames,) that repeat the one before in all values, where that is no chance of coarse digits."""
+    out = np.zeros(len(T), bool)
+    if len(T) < 3:
+        return out
+    same = np.array([np.mean(a == b) for a, b in zip(T[1:], T[:-1], strict=True)])
+    known = np.array([np.isfinite(a).mean() for a in T[1:]])
+    equal = same / np.maximum(known, 1e-9)
+    usual = float(np.median(equal))  # of pixels that repeat their value because the digits are coarse
+    by_chance = np.log(max(usual, 1e-12)) * known * T[0].size
+    out[1:] = (equal == 1.0) & (known > 0) & (np.log(len(T)) + by_chance < np.log(FALSE_ALARMS))
+    return out
+
+
+def _stuck_pixels(T: Array, sigma: float) -> Mask:
+    """Pixels (nv, nu) that change less from frame to frame than noise alone would make them.
+
+    Differences of frames in pairs are independent; their squares over 2 sigma^2 follow a chi-squared distribution, and
+    real heat only adds to it.
+    """
+    from scipy.stats import chi2
+
+    last = len(T) // 2 * 2
+    step = T[1:last:2] - T[0:last:2]
+    known = np.isfinite(step)
+    pairs = known.sum(axis=0)
+    total = np.sum(step**2, axis=0, where=known) / (2.0 * sigma**2)
+    chance = chi2.cdf(total, np.maximum(pairs, 1))
+    alive = known & (total > 0.0)
+    equal = np.mean(step[alive] == 0.0) if alive.any() else 0.0  # of coarse digits
+    still = np.where(total == 0.0, float(equal) ** np.maximum(pairs, 1), 0.0)
+    out: Mask = (pairs > 1) & (np.maximum(chance, still) * max(int((pairs > 1).sum()), 1) < FALSE_ALARMS)
+    return out
+
+
+def _sharpness(psf_sigma_px: float | None) -> float:
+    """Half of what a point source leaves between the next neighbours and the ones beyond, over what it stands out."""
+    sd = np.hypot(USUAL_PSF_PX if psf_sigma_px is None else psf_sigma_px, PIXEL_SD)
+    first, second = np.exp(-0.5 / sd**2), np.exp(-2.0 / sd**2)
+    return float(0.5 * (first - second) / (1.0 - first))
+
+
+def _outstanding(T: Array, axis: int, sharp: float) -> Array:
+    """By how much (K, signed) values stand outside the range of their neighbours along an axis; 0 inside it.
+
+    The range is that of the four next neighbours, without the most extreme one, and of what they extrapolate to from
+    either side: what is hottest next to an edge follows from its own side.  0 too where neighbours rise towards a value
+    as any point does that optics show, and where one of them is unknown: one side alone tells no defect from an edge.
+    """
+    T = np.moveaxis(T, axis, -1)
+    out = np.zeros(T.shape)
+    size = T.shape[-1] - 2 * FAR
+    if size < 1:
+        return np.moveaxis(out, -1, axis)
+    near = np.stack([T[..., FAR + s : FAR + s + size] for s in (-2, -1, 1, 2)])
+    own, ordered = T[..., FAR : FAR + size], np.sort(near, axis=0)  # comparisons with NaN are false
+    sides = 2.0 * near[1] - near[0], 2.0 * near[2] - near[3]
+    high, low = np.maximum.reduce((ordered[-2], *sides)), np.minimum.reduce((ordered[1], *sides))
+    away = np.where(own > high, own - high, np.where(own < low, own - low, 0.0))
+    rising = 0.5 * (near[1] + near[2] - near[0] - near[3]) * np.sign(away)
+    away[(rising > sharp * np.abs(away)) | ~np.isfinite(near).all(axis=0)] = 0.0
+    out[..., FAR : FAR + size] = away
+    return np.moveaxis(out, -1, axis)
+
+
+def _lesser(a: Array, b: Array) -> Array:
+    """The smaller of two signed deviations, 0 where their signs differ."""
+    same = np.sign(a) == np.sign(b)
+    out: Array = np.where(same, np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
+    return out
+
+
+def _spread(T: Array, axes: tuple[int, ...]) -> float:
+    """Robust standard deviation (K) of values (maps, nv, nu) that smooth shapes do not change, along the quieter axis.
+
+    From fourth differences, whose coefficients have a sum of squares of 70; of short axes from second ones, 6.
+    """
+    orders = [(a, 4 if T.shape[a] > 8 else 2) for a in axes if T.shape[a] > 2]
+    found = [_mad(np.diff(T, n=order, axis=a)) / np.sqrt(70.0 if order == 4 else 6.0) for a, order in orders]
+    return min(found, default=0.0)
+
+
+def _cold_and_hot(T: Array) -> Array:
+    """Mean (2, nv, nu) of the coldest and of the hottest quarter of the frames."""
+    level = np.array([np.median(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in T])
+    order = np.argsort(level)[: int(np.isfinite(level).sum())]
+    k = max(1, len(order) // 4)
+    return np.stack([_mean(T[order[:k]]), _mean(T[order[-k:]])])
+
+
+def _mean(T: Array) -> Array:
+    known = np.isfinite(T)
+    count = known.sum(axis=0)
+    out: Array = np.where(count > 0, np.sum(T, axis=0, where=known) / np.maximum(count, 1), np.nan)
+    return out
+
+
+def _static(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
+    """Where a map stands out along all `axes`, by as much in the coldest frames as in the hottest."""
+    ends = _cold_and_hot(T)
+    found = [_outstanding(ends, a, sharp) for a in axes]
+    out = found[0] if len(found) == 1 else _lesser(*found)
+    far = np.maximum(np.abs(out[0]), np.abs(out[1]))
+    both = np.abs(_lesser(out[0], out[1]))
+    scale = max(_spread(ends, axes), sigma / np.sqrt(max(len(T) // 4, 1)))
+    tests = out[0].size
+    mask: Mask = (both > _limit(tests, tests) * np.sqrt(1.5) * scale) & (both > 0.5 * far)
+    return mask
+
+
+def _restless(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
+    """Where at least two frames stand out by more or less than others, beyond what grows with the heat around."""
+    if len(T) < 5:
+        return np.zeros(T.shape[1:], bool)
+    out, around = np.empty_like(T), np.empty_like(T)
+    for begin in range(0, len(T), BATCH):
+        part = slice(begin, begin + BATCH)
+        found = [_outstanding(T[part], a, sharp) for a in axes]
+        out[part] = found[0] if len(found) == 1 else _lesser(*found)
+        around[part] = _neighbours(T[part], axes[0])
+    around -= np.mean(around, axis=0)
+    away = out - np.mean(out, axis=0)
+    away -= around * (np.sum(around * away, axis=0) / np.maximum(np.sum(around**2, axis=0), 1e-12))
+    limit = _limit(T.size, T[0].size) * np.sqrt(1.5) * sigma
+    mask: Mask = (np.abs(away - np.median(away, axis=0)) > limit).sum(axis=0) > 1
+    return mask
+
+
+def _neighbours(T: Array, axis: int) -> Array:
+    """Mean of the next neighbours along an axis, 0 where one is unknown."""
+    T = np.moveaxis(T, axis, -1)
+    out = np.zeros(T.shape)
+    out[..., 1:-1] = np.nan_to_num(0.5 * (T[..., 2:] + T[..., :-2]))
+    return np.moveaxis(out, -1, axis)
+
+
+def _isolated(T: Array, sigma: float, sharp: float) -> tuple[Mask, Mask]:
+    """Pixels (nv, nu) with a level of their own, and pixels that flicker."""
+    axes = (2,) if T.shape[1] == 1 else (1, 2)
+    return _static(T, axes, sigma, sharp), _restless(T, axes, sigma, sharp)
+
+
+def _bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float) -> tuple[int, ...]:
+    """Indices of rows (`axis` 1) or columns (2) that are stuck, off level or flicker as a whole.
+
+    `T` is NaN at bad pixels.  Lines are compared by their means over those places along them where none has a bad one.
+    """
+    other = 3 - axis
+    if min(T.shape[1:]) < 2 * FAR + 1:
+        return ()
+    dead = stuck.mean(axis=other - 1) > 0.5
+    lines = np.moveaxis(T, axis, 1)  # (frames, lines, places)
+    places = np.isfinite(lines[:, ~dead]).all(axis=(0, 1))
+    if places.sum() < FAR:
+        return tuple(map(int, np.flatnonzero(dead)))
+    mean = np.where(dead, np.nan, lines[:, :, places].mean(axis=2))[:, None]
+    own = max(_spread(np.diff(mean, axis=0), (2,)) / np.sqrt(2.0), sigma / np.sqrt(places.sum()))
+    off = _static(mean, (2,), own, sharp)[0] | _restless(mean, (2,), own, sharp)[0]
+    return tuple(map(int, np.flatnonzero(dead | off)))
+
+
+def outlying_pixels(left: Array) -> Mask:
+    """Pixels (nv, nu) whose residuals (frames, nv, nu) K no noise explains: rejection of outliers against neighbours.
+
+    A residual counts by how far it is from the median of its four next neighbours, along that axis along which it is
+    nearer: what a model misses is wider than one pixel along one axis at least.  Both its mean over the frames and its
+    scatter are judged against those of all pixels, by their median and MAD.  NaN where masked.
+    """
+    from scipy.stats import chi2
+
+    none = np.zeros(left.shape[1:], bool)
+    axes = [a for a in (1, 2) if left.shape[a] > 2 * FAR]
+    if not axes:
+        return none
+    found = [_from_neighbours(left, a) for a in axes]
+    alone = found[0] if len(found) == 1 else _lesser_or_unknown(*found)
+    mean, scatter, count = _moments(alone)
+    tests = int((count > 0).sum())
+    if tests < LEAST:
+        return none
+    single = [_moments(one) for one in found]  # along one axis a deviation is larger than along both: cautious scales
+    far: Mask = np.abs(mean) > _limit(tests, tests) * max(min(_mad(one) for one, _, _ in single), 1e-12)
+    free = np.maximum(count - 1, 1)
+    if len(left) < 3 or not (count > 1).any():
+        return far
+    middle = float(np.median(free[count > 1]))
+    usual = min(float(np.median(one[n > 1])) for _, one, n in single) * middle / chi2.median(middle)
+    return far | ((count > 1) & (scatter * free > usual * chi2.isf(FALSE_ALARMS / tests, free)))
+
+
+def _moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Mean, variance and number of known values over the frames, each (nv, nu); the mean NaN where there is none."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    mean = np.where(count > 0, np.sum(values, axis=0, where=known) / np.maximum(count, 1), np.nan)
+    return mean, np.sum((values - mean) ** 2, axis=0, where=known) / np.maximum(count - 1, 1), count
+
+
+def _from_neighbours(T: Array, axis: int) -> Array:
+    """Values less the median of their known next neighbours, two on each side along an axis; NaN where a side has
+    none."""
+    T = np.moveaxis(T, axis, -1)
+    padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(FAR, FAR)], constant_values=np.nan)
+    near = np.stack([padded[..., FAR + s : FAR + s + T.shape[-1]] for s in (-2, -1, 1, 2)])
+    known = np.isfinite(near)
+    count = known.sum(axis=0)
+    ordered = np.sort(near, axis=0)  # NaN last
+    low, high = (np.take_along_axis(ordered, k[None], 0)[0] for k in (np.maximum(count - 1, 0) // 2, count // 2))
+    both = known[:2].any(axis=0) & known[2:].any(axis=0)
+    return np.moveaxis(np.where(both, T - 0.5 * (low + np.where(count == 4, high, low)), np.nan), -1, axis)
+
+
+def _lesser_or_unknown(a: Array, b: Array) -> Array:
+    """As `_lesser`, NaN where either is."""
+    return np.where(np.isfinite(a) & np.isfinite(b), _lesser(a, b), np.nan)
+
+
+def shutter_events(T: Array, recording: Recording, sigma: float, alike: float = ALL) -> npt.NDArray[np.int64]:
+    """Frames at which the offset of the image jumps by more than its drift, a Wiener process, may do.
+
+    The common step is the mean of the shortest interval that holds half of all pixels' steps (the shorth, Andrews et
+    al. 1972; Rousseeuw & Leroy 1988).  It is an offset where it explains the steps of nearly all pixels, a fraction
+    `alike`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may as well be what a
+    prediction leaves.
+    """
+    from scipy.stats import norm
+
+    if len(T) < 4:
+        return np.zeros(0, np.int64)
+    noise = np.sqrt(2.0) * sigma
+    found = [_common_step(step[np.isfinite(step)], WITHIN * noise) for step in np.diff(T, axis=0)]
+    common, fraction, pixels = np.array(found).T
+    drift = CAMERA_CLASSES[recording.camera].drift_K_per_sqrt_s
+    error = np.hypot(drift * np.sqrt(np.diff(recording.time)), 1.5 * noise / np.sqrt(np.maximum(pixels, 1.0)))
+    beside = np.stack([common - np.append(common[1:], np.nan), common - np.append(np.nan, common[:-1])])
+    away = np.fmin.reduce(
+        np.abs([*beside, common - np.median(common)])
+    )  # heat goes on from frame to frame, no jump does
+    far = away > norm.isf(0.5 * FALSE_ALARMS / len(common)) * error
+    return np.flatnonzero(far & (fraction > alike)) + 1
+
+
+def _common_step(steps: Array, within: float) -> tuple[float, float, int]:
+    """The common part of steps (pixels,) K, which fraction of them lies `within` so much of it, and their number."""
+    n = len(steps)
+    if n < 4:
+        return 0.0, 0.0, n
+    ordered = np.sort(steps)
+    half = n // 2
+    first = int(np.argmin(ordered[half:] - ordered[: n - half]))
+    common = float(np.mean(ordered[first : first + half + 1]))
+    return common, float(np.mean(np.abs(steps - common) < within)), n

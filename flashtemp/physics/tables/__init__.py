@@ -1,0 +1,1 @@
+"""Tables of loggers and instruments: text in any dialect, LabVIEW LVM and TDMS, with columns, units and time."""

@@ -1,0 +1,194 @@
+"""Names of columns with their units, as headers write them: "Time (ms)", "v, km/h", "TC1 °F", "Temp/K", "speed_mps"."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import units
+
+MAX_NAME_LETTERS = 80  # of a column with its unit
+FORMAT_HINT = re.compile(r"[hmsfdytj:./\-, 0-9]*(?:hh?:?mm|mm:?ss|dd|yy|tt|jj)[a-z:./\-, 0-9]*", re.IGNORECASE)
+NO_UNIT = ("", "-", "--", "utc", "gmt", "local", "am/pm", "24h", "12h")
+QUICK = {  # units that need no library
+    ("sec", "s"): "s", ("m_s", "m/s"): "m/s", ("mps", "m/s"): "m/s", ("C", "degC"): "degC", ("°C", "degC"): "degC",
+}  # fmt: skip
+_COMMON = (  # of a line of units, and of columns named by their unit alone
+    "s sec secs ms msec us µs min mins h hr hrs d days seconds minutes hours °C °F C F K degC degF degK ℃ ℉ mK Celsius"
+    " Kelvin Fahrenheit celsius kelvin fahrenheit V mV A mA volt volts m mm cm um µm m/s mm/s km/h mph s-1 Pa kPa MPa"
+    " GPa bar mbar N kN W Hz kHz rpm 1/min % - 1 ohm Ω W/m2 W/m² W/m2K Pa.s rad/s 1/s m^4 deg"
+)
+COMMON_UNITS = frozenset(_COMMON.split(" "))
+TIME_WORDS = (
+    "time|t|zeit|times|times?tamps?|elapsed|elapsedtime|runtime|reltime|relativetime|abstime|absolutetime|datetime|datetimes?|"
+    "datumzeit|datumuhrzeit|datumundzeit|dateandtime|datezeit|date|datum|uhrzeit|clock|clocktime|timeofday|localtime|"
+    "utctime|utc|seconds?|secs?|sekunden?|minutes?|minuten?|hours?|stunden?|milliseconds?|millisekunden?|xvalue|epoch|"
+    "unixtime|unixtimestamp|unix|posix|posixtime|heure|tiempo|tempo|hora|fecha|moment|messzeit|laufzeit|hhmmss|"
+    "testtime|logtime|scantime|sampletime|samplingtime|measurementtime|recordtime|recordingtime|"
+    "timehhmmss|zeitstempel|tijd|tid|日時|時刻|時間"
+)
+TIME_NAME = re.compile(TIME_WORDS)
+DATE_NAME = re.compile(r"date|datum|fecha|day|tag|datetimes?|datumzeit|datumuhrzeit|dateandtime|datumundzeit|日時")
+CLOCK_NAME = re.compile(r"uhrzeit|clock|clocktime|timeofday|localtime|utctime|heure|hora|hhmmss|timehhmmss|時刻")
+COUNTER_NAME = re.compile(
+    r"no|nr|num|number|n|#|scans?|scanno|scannumber|scansweepnumber|sample|samples|sampleno|samplenumber|index|idx|"
+    r"id|record|recordno|recordnumber|rec|reading|readingno|readingnumber|row|line|point|points|datapoint|counts?|"
+    r"counter|messung|messungnr|messpunkt|lfdnr|lfd|zeile|nummer|punkt|measurement|measurementno|entry|seq|sequence|"
+    r"frame|frameno|番号"
+)
+MILLISECOND_NAME = re.compile(r"ms|msec|msecs|millis|millisecs?|milliseconds?|millisekunden?|millitm|subseconds?ms")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table: its number from 1, its `label` in the header, its cell in a row of units; "" for none."""
+
+    number: int
+    label: str = ""
+    unit_cell: str = ""
+
+    def __str__(self) -> str:
+        return f"column {self.number}" + (f" {short(repr(self.label))}" if self.label else "")
+
+
+def bare_name(text: str) -> str:
+    """Letters and digits of a name in lower case.
+
+    >>> bare_name("Date & Time"), bare_name("NO."), bare_name("#")
+    ('datetime', 'no', '#')
+    """
+    return re.sub(r"[\W_]", "", text).casefold() or text.strip()
+
+
+def is_unit_text(text: str, wanted: str) -> bool:
+    """Whether a text is a unit of the dimension of `wanted`; common ones are known without the library of units."""
+    text = text.strip()
+    if not text or len(text) > units.MAX_UNIT_LETTERS or text == "a":  # an index, not a year
+        return False
+    return text == wanted or (text, wanted) in QUICK or units.is_unit(_spelled(text), wanted)
+
+
+def _spelled(text: str) -> str:
+    """A unit with a line for the low line that names of columns have: "mm_s" is "mm/s"."""
+    return re.sub(r"(?<=[^\W\d_])_(?=[^\W\d_])", "/", text)
+
+
+def convert_unit(text: str, wanted: str, what: str) -> tuple[float, float]:
+    """Factor and offset from a unit as a header writes it to `wanted`.  Raises BadInput that begins with `what`."""
+    if text in ("", wanted) or QUICK.get((text, wanted)) == wanted:
+        return 1.0, 0.0
+    if text in ("-", "1") and wanted == "1":
+        return 1.0, 0.0
+    try:
+        return units.conversion(_spelled(text), wanted)
+    except BadInput as fault:
+        raise BadInput(f"{what}: {fault}") from fault
+
+
+def split_label(label: str, wanted: str) -> tuple[str, str]:
+    """A label's name and its unit, "" without one.  In brackets whatever stands there is the unit.
+
+    >>> split_label("Time (ms)", "s"), split_label("v, km/h", "m/s"), split_label("TC1 °F", "degC")
+    (('Time', 'ms'), ('v', 'km/h'), ('TC1', '°F'))
+    >>> split_label("Temp/K", "degC"), split_label("speed_m_s", "m/s"), split_label("Uhrzeit (hh:mm:ss)", "s")
+    (('Temp', 'K'), ('speed', 'm_s'), ('Uhrzeit', ''))
+    >>> split_label("TC1 (mV)", "degC"), split_label("front", "degC"), split_label("degC_5.72mm", "degC")
+    (('TC1', 'mV'), ('front', ''), ('degC_5.72mm', 'degC'))
+    """
+    if len(label) > MAX_NAME_LETTERS:
+        return label, ""
+    groups = [g for g in bracket_groups(label) if g[0] or label[g[1] :].strip()]
+    groups = [g for g in groups if g[2].casefold() not in NO_UNIT and not FORMAT_HINT.fullmatch(g[2])]
+    for start, _, text in reversed(groups):
+        if is_unit_text(text, wanted):
+            return label[:start].strip(), text
+    if groups:
+        return label[: groups[0][0]].strip(), groups[-1][2]
+    plain = without_brackets(label)
+    return _split_suffix(plain or label.strip(" ()[]{}<>") or label, wanted)
+
+
+def bracket_groups(label: str) -> list[tuple[int, int, str]]:
+    """Start, end and text of the outermost brackets of a label.
+
+    >>> bracket_groups("alpha (kW/(m2 K))"), bracket_groups("T1 [degC] (front)")
+    ([(6, 17, 'kW/(m2 K)')], [(3, 9, 'degC'), (10, 17, 'front')])
+    """
+    out, start, depth = [], 0, 0
+    for at, letter in enumerate(label):
+        if letter in "([{<":
+            start, depth = (at if not depth else start), depth + 1
+        elif letter in ")]}>" and depth:
+            depth -= 1
+            if not depth:
+                out.append((start, at + 1, label[start + 1 : at].strip()))
+    return out
+
+
+def without_brackets(label: str) -> str:
+    """A label without what stands in brackets, "" where nothing else stands there."""
+    for start, end, _ in reversed(bracket_groups(label)):
+        label = label[:start] + label[end:]
+    return label.strip()
+
+
+def _split_suffix(label: str, wanted: str) -> tuple[str, str]:
+    """A name and the unit behind a sign; a unit that stands alone, or before a low line, is both."""
+    for sign in ("/", ",", ";", "_", " "):
+        for name, _, unit in (label.partition(sign), label.rpartition(sign)):
+            unit = unit.strip().removeprefix("in ").strip(" .")
+            name = name.strip().removesuffix(" in")
+            if name and is_unit_text(unit, wanted) and not _is_index(name, unit, wanted):
+                return name, unit
+    if (label in COMMON_UNITS or len(label) > 2) and label != "1" and is_unit_text(label, wanted):
+        return label, label
+    first = label.partition("_")[0]
+    if len(first) > 1 and first != label and is_unit_text(first, wanted):
+        return label, first
+    return label, ""
+
+
+def _is_index(name: str, unit: str, wanted: str) -> bool:
+    """Whether a single letter behind a name is rather an index of a temperature, as in T_f and T_r."""
+    return wanted in ("degC", "K") and unit in ("r", "R", "f", "k", "c") and len(bare_name(name)) < 3
+
+
+def column_unit(column: Column, wanted: str) -> tuple[str, str]:
+    """Name and unit of a column: the unit of its label, else the one in the row of units."""
+    name, unit = split_label(column.label, wanted)
+    return name, unit or _without_outer_brackets(column.unit_cell.strip())
+
+
+def check_units_agree(column: Column, wanted: str, where: str) -> None:
+    """BadInput where the label of a column and the row of units state units of different size."""
+    units_of = [split_label(column.label, wanted)[1], _without_outer_brackets(column.unit_cell.strip())]
+    known = [u for u in units_of if is_unit_text(u, wanted)]
+    if len(known) == 2 and convert_unit(known[0], wanted, where) != convert_unit(known[1], wanted, where):
+        raise BadInput(f"{where}: {column}: {known[0]!r} in the name, {known[1]!r} in the row of units; correct one")
+
+
+def _without_outer_brackets(text: str) -> str:
+    groups = bracket_groups(text)
+    return groups[0][2] if len(groups) == 1 and groups[0][:2] == (0, len(text)) else text
+
+
+def is_time_label(column: Column) -> bool:
+    """Whether a label says time, by its name or by its unit."""
+    name, unit = column_unit(column, "s")
+    if not column.label and not unit:
+        return False
+    bare = bare_name(name)
+    if bare == "t":  # T is a temperature
+        return name.strip() == "t" or is_unit_text(unit, "s")
+    if TIME_NAME.fullmatch(bare) or TIME_NAME.fullmatch(bare_name(without_brackets(column.label))):
+        return True
+    return bool(unit) and (is_unit_text(unit, "s") or bool(FORMAT_HINT.fullmatch(unit)))
+
+
+def is_counter_label(column: Column) -> bool:
+    """Whether a label says that readings are counted: "NO.", "Scan", "#", "Index"."""
+    _, unit = column_unit(column, "s")
+    if unit and is_unit_text(unit, "s"):
+        return False
+    return COUNTER_NAME.fullmatch(bare_name(column.label)) is not None

@@ -1,0 +1,27 @@
+"""Files of loggers of any kind: LabVIEW LVM and TDMS by their first bytes, everything else as a text table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flashtemp.physics import bounded_reading
+from flashtemp.physics.tables import lvm, tdms
+from flashtemp.physics.tables.encoding import decode_text
+from flashtemp.physics.tables.table import TextTable, parse_table
+from flashtemp.physics.tables.time_axis import TimeAxis
+
+
+def read_logger_file(
+    path: Path, where: str, comma: bool | None = None, group: str | None = None
+) -> tuple[TextTable, TimeAxis | None]:
+    """The table of a logger's file, and its times where the format states them.  Raises BadInput, with `where`.
+
+    `comma`: whether commas are decimal, `group`: which group of a TDMS file, where a person says so.
+    """
+    data = bounded_reading.raw(path, where)
+    if data.startswith(tdms.MAGIC):
+        return tdms.read_tdms(path, where, group)
+    text = decode_text(data, where)
+    if text.lstrip().startswith(lvm.MAGIC):
+        return lvm.parse_lvm(text.lstrip(), where)
+    return parse_table(text, where, comma, of_logger=True), None

@@ -1,0 +1,469 @@
+"""Text tables of loggers: one block of rows of values, under names and units, with other lines around it.
+
+A row belongs to the block if its cells are values where those of the other rows are.  Above it stand names, units and
+lines about the measurement; below and between may stand empty lines, comments, remarks, names again and statistics.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from flashtemp.errors import BadInput, short
+from flashtemp.physics import bounded_reading
+from flashtemp.physics.tables import header
+from flashtemp.physics.tables.cells import is_missing, is_value, parse_number, split_suffix
+from flashtemp.physics.tables.dialect import NAMES, Dialect, Line, detect_dialect, split_cells, split_lines
+from flashtemp.physics.tables.encoding import decode_text
+from flashtemp.physics.tables.header import Column
+
+HEADER_LINES = 6  # above the rows, among which names and units are looked for
+COMMENTS = ("#", "%", "//")
+STATISTICS = re.compile(
+    r"(?:min|max|mean|avg|average|mittel|mittelwert|median|std|stdev|stddev|sd|sdev|sigma|sum|summe|total|count|anzahl|"
+    r"range|rms|minimum|maximum|moyenne|end|ende|eof|mean value|st\.? ?dev\.?|std\.? ?dev\.?)\W{0,3}(?:of\b.*)?",
+    re.IGNORECASE,
+)
+SCPI_FROM = 9e37  # numbers from here on may be marks
+AGAIN = "give a whole copy or export it anew"
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of cells under named columns.  `where` begins messages, `lines` are the numbers of the rows' lines.
+
+    `preamble` are pairs of what stands above the table, `notes` say for people what was left out of it.
+    """
+
+    where: str
+    dialect: Dialect
+    columns: tuple[Column, ...]
+    rows: list[tuple[str, ...]]
+    lines: list[int]
+    preamble: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    has_header: bool = False
+    text_columns: frozenset[int] = field(default=frozenset())
+
+    def cells(self, column: Column) -> list[str]:
+        """The cells of a column."""
+        return [row[column.number - 1] for row in self.rows]
+
+    def place(self, row: int) -> str:
+        """Where a row (from 0) stands, for messages."""
+        return f"{self.where}:{self.lines[row]}"
+
+    def numbers(self, column: Column) -> np.ndarray:
+        """The numbers of a column (rows,), NaN for missing ones and infinity for words; units in cells are left out."""
+        comma = self.dialect.comma
+        return np.array([_number_of(cell, comma) for cell in self.cells(column)], dtype=float)
+
+    def quantity(self, column: Column, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
+        """Numbers of a column in the unit `wanted`, and the unit in which they stand there, "" where none is stated.
+
+        `unit` takes the place of what the file says.  Raises BadInput, naming line and cell, for words among the
+        numbers and for units of another dimension.
+        """
+        values = self.numbers(column)
+        if np.isinf(values).any():
+            k = int(np.argmax(np.isinf(values)))
+            cell = self.rows[k][column.number - 1]
+            raise BadInput(
+                f"{self.where}:{self.lines[k]}: {short(repr(cell))} in {_named(column)} is no number; repair that row"
+            )
+        stated = {split_suffix(c)[1] for c in self.cells(column) if c and not c[-1].isdigit() and not is_missing(c)} - {
+            ""
+        }
+        if len(stated) > 1:
+            raise BadInput(f"{self.where}: {column}: units {' and '.join(sorted(stated))} in one column; give one unit")
+        if unit is None:
+            header.check_units_agree(column, wanted, self.where)
+        unit = unit or (stated.pop() if stated else header.column_unit(column, wanted)[1])
+        if unit.casefold() in header.NO_UNIT:
+            return values, ""
+        factor, offset = header.convert_unit(unit, wanted, f"{self.where}: {column}")
+        return values * factor + offset, unit
+
+    def every(self, step: int) -> TextTable:
+        """The same with one row of `step`."""
+        return self if step == 1 else replace(self, rows=self.rows[::step], lines=self.lines[::step])
+
+
+def _number_of(cell: str, comma: bool) -> float:
+    """The number of a cell, NaN where it is missing, infinity for a word."""
+    value = parse_number(cell, comma)
+    if value is not None and abs(value) < SCPI_FROM:
+        return value
+    if is_missing(cell):
+        return np.nan
+    value = parse_number(split_suffix(cell)[0], comma)
+    return np.inf if value is None else value
+
+
+def _named(column: Column) -> str:
+    return f"column {column.number}"
+
+
+def read_text(path: Path, where: str) -> str:
+    """The text of a file, within the bounds of a table.  Raises BadInput."""
+    return decode_text(bounded_reading.raw(path, where), where)
+
+
+def parse_table(text: str, where: str, comma: bool | None = None, of_logger: bool = False) -> TextTable:
+    """The table in a text.  `comma`: whether commas are decimal, where a person says so.
+
+    `of_logger`: a program wrote it, so that names may be numbers of channels, and a last line without its end that is
+    shorter than the others is cut off.  Raises BadInput, beginning with `where` and the line, for texts without rows of
+    values and for lines that cannot belong to them.
+    """
+    raw = bounded_reading.lines(text, where)
+    skipped = 1 if raw and re.fullmatch(r'"?sep=.?"?', raw[0].strip()) else 0  # of spreadsheets
+    body = [*[""] * skipped, *raw[skipped:]]
+    dialect = detect_dialect(body, comma)
+    if dialect is None:
+        raise BadInput(f"{where}: no rows of numbers in it; give a table with a line per reading")
+    block = _Block(split_lines(body, dialect), dialect, where, of_logger)
+    table = block.table()
+    if of_logger and text[-1] not in "\r\n":
+        _no_loose_end(table, len(raw))
+    return table
+
+
+def _no_loose_end(table: TextTable, last_line: int) -> None:
+    """BadInput where a text ends inside its last number: without a line end, with fewer decimals than all others."""
+    if table.lines[-1] != last_line or len(table.rows) < 3:
+        return
+    sign = "," if table.dialect.comma else "."
+    number = max(set(range(len(table.columns))) - {n - 1 for n in table.text_columns}, default=0)
+    cells = [row[number] for row in table.rows]
+    decimals = {len(c.partition(sign)[2]) for c in cells[:-1] if parse_number(c, table.dialect.comma) is not None}
+    lost = not cells[-1] and all(cells[:-1])
+    if lost or (len(decimals) == 1 and len(cells[-1].partition(sign)[2]) < decimals.pop()):
+        raise BadInput(f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {AGAIN}")
+
+
+@dataclass
+class _Block:
+    """The rows of a text and what stands around them."""
+
+    lines: list[Line]
+    dialect: Dialect
+    where: str
+    of_logger: bool
+
+    def table(self) -> TextTable:
+        """Rows, header and what is above them."""
+        self.values = {line.number: [is_value(c, self.dialect.comma) for c in line.cells] for line in self.lines}
+        self.width, self.value_columns = self._shape()
+        if not self.value_columns:
+            raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
+        self.good = {line.number for line in self.lines if self._fills_row(line)}
+        start = next((k for k, line in enumerate(self.lines) if self._is_row(line)), None)
+        if start is None:
+            raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
+        columns, header_lines, top = self._header(start)
+        rows, notes = self._rows(start, header_lines)
+        if self.dialect.separator == ",":
+            self._no_decimal_commas(rows, bool(header_lines))
+        width = self.width
+        while width > 1 and not any(
+            line.cells[width - 1 : width] != ("",) and len(line.cells) >= width for line in rows
+        ):
+            width -= 1  # a separator at the end of every line
+        width = max(width, *(c.number for c in columns if c.label), 1) if header_lines else width
+        cells = [tuple((*line.cells, *[""] * self.width)[:width]) for line in rows]
+        known = columns[:width] if header_lines else [Column(k + 1) for k in range(width)]
+        return TextTable(
+            self.where, self.dialect, tuple(known), cells, [line.number for line in rows],
+            tuple(_pairs_of(self.lines[:top], self.dialect)), tuple(notes), bool(header_lines),
+            frozenset(k + 1 for k in range(width) if k not in self.value_columns),
+        )  # fmt: skip
+
+    # --- rows ---------------------------------------------------------------------------------------
+    def _values(self, line: Line) -> list[bool]:
+        return self.values[line.number]
+
+    def _shape(self) -> tuple[int, list[int]]:
+        """The usual number of cells of lines that are mostly values, and the columns (from 0) that hold values."""
+        counts: Counter[int] = Counter()
+        mostly: list[tuple[Line, list[bool]]] = []
+        for share in (0.5, 0.0):
+            for line in self.lines:
+                values = [] if _is_comment(line) else self._values(line)
+                filled = sum(1 for c in line.cells if c)
+                if sum(values) > share * filled:
+                    mostly.append((line, values))
+                    counts[len(line.cells)] += 1
+            if counts:
+                break
+        named = {len(line.cells) for line in self.lines if len(line.cells) > 1 and not any(self._values(line))}
+        width = max(counts, key=lambda n: (counts[n], n in named, n))
+        alike = [(line, values) for line, values in mostly if len(line.cells) == width]
+        columns = []
+        for k in range(width):
+            filled = sum(1 for line, _ in alike if line.cells[k])
+            if 2 * sum(values[k] for _, values in alike) > filled > 0:
+                columns.append(k)
+        return width, columns
+
+    def _is_row(self, line: Line) -> bool:
+        return line.number in self.good
+
+    def _fills_row(self, line: Line) -> bool:
+        """Whether a line has values, or nothing, in all columns of values."""
+        if _is_comment(line) or not self._has_room(line):
+            return False
+        values, cells = self._values(line), line.cells
+        good = all(values[k] or not cells[k] for k in self.value_columns)
+        return good and any(values[k] and not is_missing(cells[k]) for k in self.value_columns)
+
+    def _rows(self, start: int, names: list[Line]) -> tuple[list[Line], list[str]]:
+        """The rows of the block, and notes on what stands between and below them.  Raises BadInput."""
+        last = max(k for k in range(start, len(self.lines)) if self._is_row(self.lines[k]))
+        known = {line.cells for line in names}
+        rows: list[Line] = []
+        notes: list[str] = []
+        above = self.lines[start]
+        for k in range(start, len(self.lines)):
+            line = self.lines[k]
+            if self._is_row(line):
+                rows.append(line)
+                above = line
+                continue
+            if not any(line.cells) or _is_comment(line) or line.cells in known:
+                above = line
+                continue
+            if self._has_room(line) and not self._is_aside(line, k > last, above):
+                rows.append(line)
+            else:
+                notes.append(self._note_of(line, k > last, bool(any(above.cells)) and rows[-1] is above))
+            above = line
+        return rows, notes
+
+    def _has_room(self, line: Line) -> bool:
+        """Whether a line has as many cells as the rows: fewer only where no values are lost, more only of words."""
+        count, needed = len(line.cells), 1 + max(self.value_columns)
+        beyond = [c for c in line.cells[self.width :] if c]
+        return count >= needed and all(map(self._is_word, beyond))
+
+    def _is_word(self, cell: str) -> bool:
+        """Whether a cell is a word: neither a value nor a damaged one."""
+        value = is_value(cell, self.dialect.comma) or bounded_reading.mistyped(cell)
+        return not value and any(c.isalpha() for c in cell)
+
+    def _is_aside(self, line: Line, below: bool, above: Line) -> bool:
+        """Whether a line of the right width is a remark, names again or a statistic, not a row that is damaged."""
+        values = self._values(line)[: self.width]
+        if not any(values[k] for k in self.value_columns if k < len(values)):
+            return True
+        word = next((c for c in line.cells if c), "")
+        if not self._is_word(word):
+            return False
+        return below and (not any(above.cells) or STATISTICS.fullmatch(word.strip()) is not None)
+
+    def _note_of(self, line: Line, below: bool, directly: bool) -> str:
+        """A note on a line that is no row; BadInput where it may be a damaged one or the names of another table."""
+        values = [v and not is_missing(c) for v, c in zip(self._values(line), line.cells, strict=True)]
+        filled = [c for c in line.cells if c]
+        place = f"{self.where}:{line.number}"
+        text = short(" ".join(line.text.split()))[:60]
+        word = next(iter(filled), "")
+        wordy = self._is_word(word)
+        if not any(values) or (below and wordy and (not directly or STATISTICS.fullmatch(word.strip()))):
+            if not below and len(filled) > 1 and len(line.cells) >= self.width and self.width > 1:
+                raise BadInput(f"{place}: {text!r} begins a second table; give one table per file")
+            return f"line {line.number} left out: {text!r}"
+        kind = f"has {len(line.cells)} values, others {self.width}"
+        raise BadInput(f"{place}: {text!r} {kind}; the file is cut off or damaged there: repair that line, or {AGAIN}")
+
+    def _no_decimal_commas(self, rows: list[Line], headed: bool) -> None:
+        """BadInput where commas between whole numbers could be decimal commas and no header counts the columns."""
+        sample = [c for line in rows[:20] for c in line.cells]
+        quoted = any('"' in line.text for line in rows[:20])
+        if headed or quoted or self.width % 2 or self.width < 4 or not all(c.isdecimal() for c in sample if c):
+            return
+        raise BadInput(
+            f"{self.where}: commas between whole numbers could be decimal commas; say which with --decimal comma or"
+            " --decimal point, put a line of names above, or export with TAB or ';' between the values"
+        )
+
+    # --- header -------------------------------------------------------------------------------------
+    def _header(self, start: int) -> tuple[list[Column], list[Line], int]:
+        """Columns with names and units, the lines that say them, and where the lines about the measurement end."""
+        found: list[tuple[int, list[str]]] = []
+        remarks: list[tuple[int, list[str]]] = []
+        for k in range(start - 1, max(-1, start - 1 - 2 * HEADER_LINES), -1):
+            line = self.lines[k]
+            if not any(line.cells):
+                if found:
+                    break
+                continue
+            comment = _is_comment(line)
+            if not comment and not found:
+                self._no_damaged_row(line, k == start - 1)
+                self._no_other_row(line)
+            cells = self._names(line.text.lstrip("#%/ ") if comment and line.cells[0] != "#" else line.text)
+            if cells is None:
+                if found or not _is_rule(line):
+                    break
+                continue
+            (remarks if comment and line.cells[0] != "#" else found).append((k, cells))
+            if len(found) == HEADER_LINES:
+                break
+        lines = found or remarks[:2]
+        if not lines:
+            self._no_other_width(start)
+            return [Column(k + 1) for k in range(self.width)], [], start
+        names, unit_row = self._names_and_units(lines)
+        top = min(k for k, cells in lines if cells is names or cells is unit_row)
+        columns = [Column(k + 1, names[k], unit_row[k] if unit_row else "") for k in range(self.width)]
+        return columns, [self.lines[k] for k, cells in lines if cells is names or cells is unit_row], top
+
+    def _names(self, text: str) -> list[str] | None:
+        """The cells of a line that may name all columns; None where their number or kind is another."""
+        for names in _split_names(text, self.dialect, self.width):
+            cells = [" ".join(c.split()) for c in names]
+            while len(cells) > self.width and not cells[-1]:
+                cells = cells[:-1]
+            needed = 1 + max(self.value_columns)
+            if not needed <= len(cells) <= self.width or (len(cells) < 2 <= self.width):
+                continue
+            cells = [*cells, *[""] * (self.width - len(cells))]
+            numbers = [k for k in self.value_columns if is_value(cells[k], self.dialect.comma)]
+            words = [k for k in self.value_columns if cells[k] and k not in numbers]
+            if words and (not numbers or self._is_numbered(cells, numbers)):
+                return cells
+        return None
+
+    def _is_numbered(self, cells: list[str], numbers: list[int]) -> bool:
+        """Whether names are numbers of channels behind a name for the time."""
+        first = cells[self.value_columns[0]]
+        return (
+            self.of_logger
+            and header.is_time_label(Column(1, first))
+            and numbers == self.value_columns[1:]
+            and all(cells[k].isdecimal() for k in numbers)
+        )
+
+    def _no_damaged_row(self, line: Line, directly: bool) -> None:
+        """BadInput for a line above the rows that is a row with a slip in it, as O.1 for 0.1."""
+        if len(line.cells) != self.width or self._names(line.text) is not None:
+            return
+        cells = [line.cells[k] for k in self.value_columns if line.cells[k]]
+        wrong = [c for c in cells if not is_value(c, self.dialect.comma)]
+        mistyped = all(map(bounded_reading.mistyped, wrong))
+        if not wrong or len(wrong) == len(cells) and not mistyped:
+            return
+        key_and_value = self.width == 2 and line.cells[0] in wrong and not mistyped and not directly
+        if STATISTICS.fullmatch(wrong[0]) or key_and_value:
+            return
+        column = next(k + 1 for k in self.value_columns if line.cells[k] == wrong[0])
+        raise BadInput(
+            f"{self.where}:{line.number}: {bounded_reading.told(list(line.cells))} is not numeric;"
+            f" {short(repr(wrong[0]))} in column {column} is no number: repair it"
+        )
+
+    def _no_other_row(self, line: Line) -> None:
+        """BadInput for a line above the rows that holds nothing but values, in another number."""
+        values = self._values(line)
+        filled = [c for c in line.cells if c]
+        if len(line.cells) != self.width and len(filled) > 1 and sum(values) == len(filled):
+            text = short(" ".join(line.text.split()))[:60]
+            raise BadInput(
+                f"{self.where}:{line.number}: {text!r} has {len(line.cells)} values, others {self.width}; the file is"
+                f" damaged there: repair that line, or {AGAIN}"
+            )
+
+    def _no_other_width(self, start: int) -> None:
+        """BadInput where the line above names another number of columns than there are."""
+        above = next((line for line in reversed(self.lines[:start]) if any(line.cells)), None)
+        if above is None or _is_comment(above):
+            return
+        cells = [c for c in above.cells if c]
+        if len(cells) > 1 and any(header.is_time_label(Column(1, c)) for c in cells) and not any(self._values(above)):
+            raise BadInput(
+                f"{self.where}:{above.number}: names {len(cells)} columns, the rows below have {self.width} cells"
+                f" ({NAMES[self.dialect.separator]} between them); name every column, or export with ';' between the"
+                " values"
+            )
+
+    def _names_and_units(self, lines: list[tuple[int, list[str]]]) -> tuple[list[str], list[str] | None]:
+        """The line of names nearest to the rows, and the line of units below or above it."""
+        unit_lines = [k for k, (_, cells) in enumerate(lines) if self._is_unit_line(cells)]
+        names = next((k for k in range(len(lines)) if k not in unit_lines), None)
+        if names is None:
+            return lines[0][1], None
+        near = [k for k in unit_lines if abs(k - names) <= 2]
+        return lines[names][1], lines[near[0]][1] if near else None
+
+    def _is_unit_line(self, cells: list[str]) -> bool:
+        """Whether at least half of the cells over values are units."""
+        filled = [cells[k].strip("()[]{} ") for k in self.value_columns if cells[k].strip("()[]{} ")]
+        known = sum(_is_common_unit(c) or cells_in_brackets(c) for c in filled)
+        return bool(filled) and 2 * known >= len(filled) and any(map(_is_common_unit, filled))
+
+
+def _is_common_unit(text: str) -> bool:
+    return text in header.COMMON_UNITS or re.sub(r"[ .]", "", text).casefold() in (
+        "degc",
+        "degf",
+        "degk",
+        "°c",
+        "°f",
+        "deg.c",
+    )
+
+
+def cells_in_brackets(text: str) -> bool:
+    """Whether a cell is a unit in brackets.
+
+    >>> cells_in_brackets("[foo]"), cells_in_brackets("foo")
+    (True, False)
+    """
+    return len(text) > 2 and (text[0], text[-1]) in (("(", ")"), ("[", "]"))
+
+
+def _is_comment(line: Line) -> bool:
+    """Whether a line is a comment; "#" alone in a cell is a name."""
+    return bool(line.cells) and line.text.lstrip().startswith(COMMENTS) and line.cells[0] != "#"
+
+
+def _is_rule(line: Line) -> bool:
+    """Whether a line is drawn, as -----, or one word, as Data."""
+    return not any(c.isalnum() for c in line.text) or len([c for c in line.cells if c]) == 1
+
+
+def _split_names(text: str, dialect: Dialect, width: int) -> Iterator[list[str]]:
+    """Ways to part a line of names: as the rows are parted, by other signs, by blanks."""
+    for sign in dict.fromkeys((dialect.separator.replace(" ", "\t"), "\t", ";", ",")):
+        yield split_cells(text, sign)
+    yield re.split(r"\s{2,}", text.strip())
+    if len(text.split()) == width:
+        yield text.split()
+
+
+def _pairs_of(lines: Sequence[Line], dialect: Dialect) -> Iterator[tuple[str, str]]:
+    """Pairs of a key and what stands behind it, in the lines above a table."""
+    for line in lines:
+        text = line.text.lstrip("#%/ ").strip()
+        cells = [c for c in split_cells(text, dialect.separator) if c] if dialect.separator != " " else []
+        if len(cells) < 2:
+            for sign in (":", "=", ";", ",", "\t"):
+                key, found, value = text.partition(sign)
+                if found and key.strip() and value.strip():
+                    cells = [key.strip(), value.strip()]
+                    break
+        if len(cells) >= 2:
+            yield cells[0].rstrip(":= "), ", ".join(cells[1:])
+        elif quantity := re.match(r"([^\W\d][^\d]*?)\s+([-+]?\d.*)", text):
+            yield quantity[1], quantity[2]
+
+
+def read_table(path: Path, where: str, comma: bool | None = None, of_logger: bool = False) -> TextTable:
+    """The table in a text file.  Raises BadInput as `parse_table` does."""
+    return parse_table(read_text(path, where), where, comma, of_logger)

@@ -1,0 +1,419 @@
+"""The time of every reading of a table: which columns hold it, in which format, and from which zero."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.errors import BadInput, nearest, short
+from flashtemp.physics.tables import header
+from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
+from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.timestamps import DAY_S, Moments, parse_moments, parse_stamp
+
+UNIX_S = (9.0e8, 2.3e9)  # seconds since 1970 of the years 1998 to 2042
+LABVIEW_S = (2.95e9, 4.4e9)  # seconds since 1904 of the years 1997 to 2043
+LABVIEW_EPOCH_S = -2082844800.0  # 1904-01-01 in seconds since 1970
+SPREADSHEET_DAYS = (32874.0, 55153.0)  # days since 1899-12-30 of the years 1990 to 2050
+SPREADSHEET_EPOCH_DAYS = -25569.0
+DATENUM_DAYS = (726834.0, 749113.0)  # MATLAB's datenum, the same years
+DATENUM_EPOCH_DAYS = -719529.0
+SECOND_S = 1.0  # resolution of a clock without fractions
+SAME_INTERVAL = 0.02  # relative difference up to which two intervals are one: rounded steps
+SAME_CLOCK = 0.01  # relative difference of two clocks of one file
+RATE_UNIT = re.compile(r"(?:k?)(?:hz|s/s|sa/s|sps|samples?/s(?:ec)?|1/s|/s)", re.IGNORECASE)
+INTERVAL_KEY = re.compile(
+    r"sampl|interval|scan ?rate|log(?:ging)? ?rate|recording ?rate|^rate\b|data ?rate|abtast|messrate|messtakt|period|"
+    r"delta ?t|^dt\b|測定間隔",
+    re.IGNORECASE,
+)
+QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_][^\s,;:]{0,15}|/s|1/s)?")
+
+
+@dataclass(frozen=True)
+class TimeAxis:
+    """Times (n,) s of the readings, numbers of the columns that hold them, and notes for people.
+
+    `starts` are the moments that second 0 may be, s since 1970 on the file's own clock, () where the file has no date;
+    `is_clock`: the times are of a clock; `zone`: its offset from UTC where stated, s.
+    """
+
+    seconds: np.ndarray
+    columns: tuple[int, ...] = ()
+    starts: tuple[float, ...] = ()
+    is_clock: bool = False
+    zone: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | None = None) -> TimeAxis:
+    """The times of a table, which increase strictly.
+
+    `taken` are numbers of columns that hold something else; `named` is the name or the number of the time column.
+    Raises BadInput, naming line and cells, where no column is the time or its format cannot be told.
+    """
+    main = _named_column(table, named) if named is not None else _find_column(table, taken)
+    if main is None:
+        axis = _counted(table, taken)
+    else:
+        axis = _axis_of(table, main, taken)
+        if not axis.notes and axis.columns != (1,):
+            said = " and ".join(str(table.columns[n - 1]) for n in axis.columns)
+            axis = replace(axis, notes=(f"time from {said}",))
+        if named is None:
+            _check_other_clock(table, axis, taken)
+    return _increasing(table, axis)
+
+
+# --- which column -----------------------------------------------------------------------------------
+def _named_column(table: TextTable, named: str) -> Column:
+    """The column of a name or number that a person gave.  Raises BadInput."""
+    text = named.strip()
+    same = [c for c in table.columns if c.label.strip() == text]
+    same = same or [c for c in table.columns if c.label.casefold().strip() == text.casefold()]
+    same = same or [c for c in table.columns if c.label and header.split_label(c.label, "s")[0] == text]
+    if len(same) == 1:
+        return same[0]
+    if text.isdecimal() and text.isascii() and 1 <= int(text) <= len(table.columns):
+        return table.columns[int(text) - 1]
+    known = [c.label for c in table.columns if c.label] or [f"1 to {len(table.columns)}"]
+    many = f"{len(same)} columns have that name; give its number" if same else f"no such column{nearest(text, known)}"
+    raise BadInput(f"{table.where}: time_column: {short(repr(named))}: {many}")
+
+
+def _kind(table: TextTable, column: Column) -> str:
+    """What the cells of a column are: "stamp", "number" or "text", by its first one that is not empty."""
+    cell = next((c for c in table.cells(column) if not is_missing(c)), "")
+    if parse_number(split_suffix(cell)[0], table.dialect.comma) is not None:
+        return "number"
+    return "stamp" if parse_stamp(cell) else "text"
+
+
+def _find_column(table: TextTable, taken: Sequence[int]) -> Column | None:
+    """The column that says by its name or its cells that it is the time; None where readings are only counted."""
+    free = [c for c in table.columns if c.number not in taken]
+    kinds = {c.number: _kind(table, c) for c in free}
+    said = [c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_part(table, c)]
+    said += [c for c in free if kinds[c.number] == "stamp" and c not in said]
+    if said:
+        full = [c for c in said if not _is_only_date(table, c)]
+        return min(full or said, key=lambda c: c.number)
+    if not free or any(header.is_counter_label(c) for c in free if kinds[c.number] == "number"):
+        return None
+    first = table.columns[0]
+    if first.number in taken or kinds[first.number] != "number" or _is_counting(table, first):
+        return None
+    return first
+
+
+def _is_part(table: TextTable, column: Column) -> bool:
+    """Whether a column holds milliseconds of the second beside a clock."""
+    bare = {header.bare_name(header.column_unit(column, "s")[0]), header.bare_name(column.unit_cell)}
+    if not any(header.MILLISECOND_NAME.fullmatch(b) for b in bare if b):
+        return False
+    values = [parse_number(c, table.dialect.comma) for c in table.cells(column)]
+    inside = all(v is not None and 0 <= v < 1000 for v in values)
+    return inside and any(_kind(table, c) == "stamp" for c in table.columns)
+
+
+def _is_only_date(table: TextTable, column: Column) -> bool:
+    stamp = parse_stamp(table.cells(column)[0])
+    return bool(stamp and stamp.date and not stamp.clock) or (
+        header.DATE_NAME.fullmatch(header.bare_name(column.label)) is not None
+        and re.fullmatch(r"\d{8}", table.cells(column)[0]) is not None
+    )
+
+
+def _is_counting(table: TextTable, column: Column) -> bool:
+    """Whether a column counts readings: 1, 2, 3, ... or, under a name that is no time, 0, 1, 2, ..."""
+    cells = table.cells(column)
+    if not all(c.isdecimal() for c in cells):
+        return False
+    numbers = [int(c) for c in cells]
+    starts = (0, 1) if table.has_header else (1,)
+    return numbers[0] in starts and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+# --- its seconds ------------------------------------------------------------------------------------
+def _axis_of(table: TextTable, column: Column, taken: Sequence[int]) -> TimeAxis:
+    """The times of a column, with the date, the clock or the milliseconds of its neighbours."""
+    cells = table.cells(column)
+    for k, cell in enumerate(cells):
+        if not (cell and cell[-1].isdigit()) and is_missing(cell):
+            raise BadInput(f"{table.place(k)}: no time in {column}, {short(repr(cell))} instead; remove that line")
+    kind = _kind(table, column)
+    if kind == "number" and not _is_only_date(table, column):
+        axis = _numeric_axis(table, column)
+        if axis.is_clock and not axis.starts:
+            axis = _with_date(table, axis, taken)
+        return axis
+    moments = parse_moments(cells, table.place, column.label, column.number)
+    axis = TimeAxis(moments.seconds, (column.number,), moments.starts, True, moments.zone)
+    if moments.has_date and not moments.has_clock:
+        axis = _with_clock(table, axis, taken)
+    elif not moments.has_date:
+        axis = _with_date(table, axis, taken)
+    return _with_milliseconds(table, axis) if moments.whole_seconds else axis
+
+
+def _with_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+    """A date with the clock of another column, the next one to the right first."""
+    here = axis.columns[0]
+    others = sorted(
+        (c for c in table.columns if c.number not in (*taken, here)), key=lambda c: (c.number < here, c.number)
+    )
+    for other in others:
+        moments = _clock_of(table, other)
+        if moments is not None:
+            both = replace(
+                axis,
+                seconds=axis.seconds + _within_day(moments.seconds),
+                columns=(here, other.number),
+                zone=moments.zone,
+            )
+            return _with_milliseconds(table, both) if moments.whole_seconds else both
+    return axis
+
+
+def _within_day(seconds: np.ndarray) -> np.ndarray:
+    """Clock times without the days that were added at midnight: the column of dates counts them."""
+    return np.asarray(np.mod(seconds, DAY_S))
+
+
+def _clock_of(table: TextTable, column: Column) -> Moments | None:
+    """A column of clock times, also of digits HHMMSS under the name of a clock; None for any other."""
+    cells = table.cells(column)
+    stamp = parse_stamp(cells[0])
+    if stamp and stamp.clock and not stamp.date:
+        return parse_moments(cells, table.place, column.label)
+    if header.is_time_label(column) and (seconds := _clock_digits(cells)) is not None:
+        return Moments(seconds, False, True, whole_seconds=True)
+    return None
+
+
+def _with_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+    """Clock times with the date of another column, or of the lines above the table."""
+    for other in table.columns:
+        if other.number in (*taken, *axis.columns) or not _is_only_date(table, other):
+            continue
+        moments = parse_moments(table.cells(other), table.place, other.label)
+        seconds = moments.seconds + _within_day(axis.seconds)
+        return replace(axis, seconds=seconds, columns=(*axis.columns, other.number), starts=moments.starts)
+    for key, value in table.preamble:
+        if not re.search(r"date|datum|start|begin|fecha|日", key, re.IGNORECASE):
+            continue
+        for word in re.split(r"[,;\t ]+", value):
+            stamp = parse_stamp(word)
+            if stamp and stamp.date and not stamp.clock:
+                return replace(axis, starts=parse_moments([word], lambda _: table.where).starts)
+    return axis
+
+
+def _with_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
+    """Times of whole seconds with the milliseconds of their own column, where there is one."""
+    for other in table.columns:
+        if other.number not in axis.columns and _is_part(table, other):
+            part = np.array([parse_number(c, table.dialect.comma) or 0.0 for c in table.cells(other)])
+            return replace(axis, seconds=axis.seconds + 1e-3 * part, columns=(*axis.columns, other.number))
+    return axis
+
+
+def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
+    """Times from numbers: in the unit that is stated, as digits of a clock, as days or seconds of an epoch, or s."""
+    cells = table.cells(column)
+    header.check_units_agree(column, "s", table.where)
+    unit = header.column_unit(column, "s")[1]
+    suffixes = {split_suffix(c)[1] for c in cells}
+    values = table.numbers(column)
+    if not np.all(np.isfinite(values)):
+        k = int(np.argmin(np.isfinite(values)))
+        raise BadInput(
+            f"{table.place(k)}: {short(repr(cells[k]))} in column {column.number} is no time; repair it, or name the"
+            " time with --time-column"
+        )
+    if suffixes != {""}:
+        if len(suffixes) > 1:
+            raise BadInput(f"{table.where}: {column}: units {sorted(suffixes)} in one column; give one unit")
+        unit = suffixes.pop()
+    own, at = np.asarray(values), (column.number,)
+    is_name = header.TIME_NAME.fullmatch(header.bare_name(unit)) and not header.is_unit_text(unit, "s")
+    if not unit or is_name or header.FORMAT_HINT.fullmatch(unit) or unit.casefold() in header.NO_UNIT:
+        return _unit_unsaid(table, column, own, cells)
+    seconds = own * _factor(table, column, unit)
+    start = _epoch_seconds(seconds)
+    if start is not None:
+        return TimeAxis(seconds - seconds[0], at, (start + seconds[0],), True, 0.0)
+    note = "" if unit in ("s", "sec") else f"time from {column} in {unit}"
+    return TimeAxis(seconds, at, notes=(note,) if note else ())
+
+
+def _factor(table: TextTable, column: Column, unit: str) -> float:
+    """Seconds per unit.  Raises BadInput for one that is no unit of time."""
+    try:
+        return header.convert_unit(unit, "s", f"{table.where}: {column}")[0]
+    except BadInput as fault:
+        raise BadInput(f"{fault}; correct the header, or name the time with --time-column") from fault
+
+
+def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Sequence[str]) -> TimeAxis:
+    """Times from numbers whose unit the header does not say."""
+    at, bare = (column.number,), header.bare_name(column.label)
+    if all(re.fullmatch(r"\d{14}", c) for c in cells):
+        moments = parse_moments([f"{c[:8]} {c[8:10]}:{c[10:12]}:{c[12:]}" for c in cells], table.place)
+        return TimeAxis(moments.seconds, at, moments.starts, True)
+    for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
+        start = _epoch_seconds(own * factor)
+        if start is not None:
+            since = "1904 (LabVIEW), UTC" if start else "1970 (Unix), UTC"
+            seconds = (own - own[0]) * factor
+            note = f"time from {column}, {unit} since {since}"
+            return TimeAxis(seconds, at, (start + own[0] * factor,), True, 0.0, (note,))
+    for days, epoch, kind in (
+        (SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS, "days of a spreadsheet"),
+        (DATENUM_DAYS, DATENUM_EPOCH_DAYS, "days of MATLAB's datenum"),
+    ):
+        if days[0] <= own.min() and own.max() <= days[1] and _is_in_days(bare, own):
+            start_s = DAY_S * (own[0] + epoch)
+            return TimeAxis(DAY_S * (own - own[0]), at, (start_s,), True, notes=(f"time from {column}, {kind}",))
+    digits = _clock_digits(cells)
+    if digits is not None and _is_clock_digits(table, column, own, digits):
+        return TimeAxis(digits, at, (), True, notes=(f"time from {column}, HHMMSS of a clock",))
+    where = str(column) if column.label else f"{column} (no header)"
+    return TimeAxis(own, at, notes=(f"time from {where}, unit not stated, taken as s",))
+
+
+def _epoch_seconds(seconds: np.ndarray) -> float | None:
+    """The epoch, s since 1970, that numbers of that size count from; None where they need none."""
+    low, high = float(np.min(seconds)), float(np.max(seconds))
+    if UNIX_S[0] <= low and high <= UNIX_S[1]:
+        return 0.0
+    return LABVIEW_EPOCH_S if LABVIEW_S[0] <= low and high <= LABVIEW_S[1] else None
+
+
+def _is_in_days(bare: str, own: np.ndarray) -> bool:
+    """Whether numbers are days: their name is a date, or their steps would be shorter than a millisecond in s."""
+    if re.match(header.DATE_NAME, bare) or "date" in bare or "datum" in bare:
+        return True
+    return len(own) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(own))) < 1e-3
+
+
+def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
+    """Seconds of clock times written as HHMMSS, over midnight too; None where a cell is none."""
+    out = []
+    for cell in cells:
+        found = re.fullmatch(r"(\d{5,6})(?:[.,](\d{1,9}))?", cell, re.ASCII)
+        hours, rest = divmod(int(found[1]), 10000) if found else (99, 0)
+        if found is None or hours > 23 or rest // 100 > 59 or rest % 100 > 59:
+            return None
+        out.append(3600.0 * hours + 60.0 * (rest // 100) + rest % 100 + float(f"0.{found[2] or 0}"))
+    seconds = np.array(out)
+    return np.asarray(seconds + DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -DAY_S / 2)]))
+
+
+def _is_clock_digits(table: TextTable, column: Column, own: np.ndarray, digits: np.ndarray) -> bool:
+    """Whether numbers that could be HHMMSS are: by their name, or since only then their steps are even."""
+    bare = header.bare_name(column.label)
+    if header.CLOCK_NAME.fullmatch(bare) or np.any(np.diff(own) < 0):
+        return True
+    plain, clock = np.diff(own), np.diff(digits)
+    if np.allclose(plain, clock, rtol=0.0, atol=1e-6):
+        return False  # within a minute both are the same
+    spread_plain, spread_clock = (float(np.ptp(d)) for d in (plain, clock))
+    if spread_clock < spread_plain:
+        return True
+    raise BadInput(
+        f"{table.place(0)}: {short(repr(table.cells(column)[0]))} in {column} may be seconds or HHMMSS of a clock; say"
+        " which in the header, as Time (s) or Clock"
+    )
+
+
+# --- counted readings and checks --------------------------------------------------------------------
+def sampling_interval(table: TextTable) -> tuple[float, str] | None:
+    """The interval (s) between readings that the lines above a table state, and the text that says so."""
+    for key, value in table.preamble:
+        if not INTERVAL_KEY.search(key) or re.search(r"points|count|number|anzahl|total", key, re.IGNORECASE):
+            continue
+        stamp = parse_stamp(value.strip())
+        if stamp and len(stamp.clock) == 3 and not stamp.date:
+            return float(parse_moments([value.strip()], lambda _: table.where).seconds[0]), f"{key} {value}"
+        found = QUANTITY.match(value.strip())
+        unit = (found[2] or "") if found else ""
+        unit = unit or header.split_label(key, "s")[1] or header.split_label(key, "Hz")[1]
+        if found is None or not unit:
+            continue
+        number = float(found[1].replace(",", "."))
+        if number > 0 and header.is_unit_text(unit, "s"):
+            return number * header.convert_unit(unit, "s", key)[0], f"{key} {value}"
+        if number > 0 and RATE_UNIT.fullmatch(unit):
+            return 1.0 / (number * (1e3 if unit[0] in "kK" else 1.0)), f"{key} {value}"
+    return None
+
+
+def _counted(table: TextTable, taken: Sequence[int]) -> TimeAxis:
+    """Times of readings that are only counted: the number of a reading times the interval that the file states."""
+    first = next((c for c in table.columns if c.number not in taken), None)
+    interval = sampling_interval(table)
+    what = f"{first} counts the readings" if first and _kind(table, first) == "number" else "no column is the time"
+    if interval is None:
+        raise BadInput(
+            f"{table.where}: {what}, and no line states an interval; give --fps, readings per second, or --time-column"
+        )
+    numbers = np.arange(len(table.rows), dtype=float)
+    if first is not None and header.is_counter_label(first) and _kind(table, first) == "number":
+        numbers = table.numbers(first)
+    note = f"{what}; time from the stated interval, {interval[1].strip()}"
+    return TimeAxis((numbers - numbers[0]) * interval[0], (first.number,) if first else (), notes=(note,))
+
+
+def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
+    """The axis, if its times increase strictly and with the interval that the file states.  Raises BadInput."""
+    interval = sampling_interval(table)
+    steps = np.diff(axis.seconds)
+    if interval and axis.is_clock and np.any(steps == 0) and np.all(steps >= 0):
+        counted = interval[0] * np.arange(len(axis.seconds))
+        if np.max(np.abs(counted - (axis.seconds - axis.seconds[0]))) <= SECOND_S + SAME_INTERVAL * counted[-1]:
+            note = f"several readings in a second; time from the stated interval, {interval[1].strip()}"
+            return replace(axis, seconds=axis.seconds[0] + counted, notes=(*axis.notes, note))
+    if np.any(steps <= 0):
+        k = int(np.argmax(steps <= 0))
+        cells = [" ".join(table.rows[n][c - 1] for c in axis.columns) for n in (k, k + 1)]
+        raise BadInput(
+            f"{table.place(k + 1)}: time goes from {short(cells[0])} to {short(cells[1])}; it must increase: remove"
+            " that line, or give --fps or --time-column"
+        )
+    if interval and not axis.is_clock and len(steps) and _counts_by_one(axis):
+        step = float(np.median(steps))
+        if abs(step / interval[0] - 1.0) > SAME_INTERVAL:
+            raise BadInput(
+                f"{table.where}: time steps by {step:g} s, but {interval[1].strip()} is stated; give --fps, or the time"
+                " with --time-column"
+            )
+    return axis
+
+
+def _counts_by_one(axis: TimeAxis) -> bool:
+    """Whether the unit of a time that counts by ones is only assumed."""
+    return any("taken as s" in n for n in axis.notes) and bool(np.all(np.diff(axis.seconds) == 1.0))
+
+
+def _check_other_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> None:
+    """BadInput where a second column of time says another time, beyond the resolution of a clock."""
+    for other in table.columns:
+        used = other.number in (*taken, *axis.columns) or _is_part(table, other) or _is_only_date(table, other)
+        if used or not (header.is_time_label(other) and _kind(table, other) != "text"):
+            continue
+        try:
+            second = _axis_of(table, other, (*taken, *axis.columns)).seconds
+        except BadInput:
+            continue
+        passed, also = (s - s[0] for s in (axis.seconds, second))
+        if np.max(np.abs(passed - also)) > SECOND_S + SAME_CLOCK * passed[-1]:
+            one, two = (str(table.columns[n - 1]) for n in (axis.columns[0], other.number))
+            raise BadInput(
+                f"{table.where}: {one} and {two} both say time and differ: {passed[-1]:g} and {also[-1]:g} s in all;"
+                " give --time-column"
+            )

@@ -1,0 +1,179 @@
+"""Columns that a key asks for, found in a table by their names, else by their order, in the unit of the key."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.errors import BadInput, short
+from flashtemp.physics.bounded_reading import told as show_cells
+from flashtemp.physics.tables import header
+from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
+from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
+
+
+@dataclass(frozen=True)
+class WantedColumn:
+    """A quantity that a key takes, its unit, and what headers call it: a pattern of names in letters and digits."""
+
+    quantity: str
+    unit: str
+    names: str
+
+    def __str__(self) -> str:
+        return f"{self.quantity} in {self.unit}" if self.unit != "1" else self.quantity
+
+
+TIME = WantedColumn("time", "s", header.TIME_WORDS)
+SPEED = WantedColumn(
+    "speed", "m/s", r"v\d?|u|speed|velocity|slidingspeed|slidingvelocity|geschwindigkeit|vs|vel|vslide|vx"
+)
+PRESSURE = WantedColumn(
+    "pressure", "Pa", r"p\d?|pressure|contactpressure|nominalpressure|druck|pressung|pn|p0|sigma|load"
+)
+TEMPERATURE = WantedColumn(
+    "temperature",
+    "degC",
+    r"t\d*|tc\d*|temp\d*|temperature\d*|temperatur\d*|ts|tspot|tsurf|surfacetemperature|theta|degc",
+)
+FRICTION = WantedColumn(
+    "friction coefficient", "1", r"mu|μ|µ|cof|friction|frictioncoefficient|coefficientoffriction|reibwert|reibbeiwert|f"
+)
+PLACE_X = WantedColumn("x", "m", r"x|position|place|distance|abscissa|pos|location")
+PLACE_Y = WantedColumn("y", "m", r"y|position|place|distance|pos|location")
+WORN_DEPTH = WantedColumn("worn depth", "m", r"worn|worndepth|wear|depth|w|z|h|height|verschleiss|weardepth|profile")
+RELATIVE_PRESSURE = WantedColumn(
+    "relative pressure", "1", r"relativepressure|relative|rel|p|pressure|ratio|factor|prel|weight"
+)
+RELATIVE_VALUE = WantedColumn(
+    "relative value", "1", r"relative.*|rel|ratio|factor|share|course|place|irradiance|weight|g|q"
+)
+CONDUCTANCE = WantedColumn(
+    "conductance", "W/m2K", r"alpha|α|h|htc|conductance|a|hc|heattransfercoefficient|contactconductance"
+)
+SHARE = WantedColumn("share", "1", r"share|fraction|weight|shares|part")
+SOURCE_DEPTH = WantedColumn("depth", "m", r"depth|d|z|sourcedepth")
+VOCABULARY = (TIME, SPEED, PRESSURE, TEMPERATURE, FRICTION)  # names that contradict another quantity
+
+
+def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
+    """The wanted quantities (rows, wanted), each in its unit.
+
+    Raises BadInput, naming the line and the cell, where names contradict what is wanted, columns are missing, cells are
+    no finite numbers, or units have another dimension.
+    """
+    columns = find_columns(table, wanted)
+    out = np.empty((len(table.rows), len(wanted)))
+    for j, (column, want) in enumerate(zip(columns, wanted, strict=True)):
+        _check_cells(table, column, want)
+        out[:, j] = _values(table, column, want)
+    return out
+
+
+def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Column]:
+    """The column of every wanted quantity: by its name, the last one by elimination, or by order.  Raises BadInput."""
+    named = [_matching(table, want, wanted) for want in wanted] if table.has_header else [[] for _ in wanted]
+    for want, found in zip(wanted, named, strict=True):
+        if len(found) > 1:
+            both = " and ".join(short(repr(c.label)) for c in found[:2])
+            raise BadInput(f"{table.where}: {both} both say {want.quantity}; give one column of it")
+    chosen = [found[0] if found else None for found in named]
+    if None not in chosen:
+        return [c for c in chosen if c is not None]
+    if len(table.columns) != len(wanted):
+        raise BadInput(
+            f"{table.place(0)}: {show_cells(list(table.rows[0]))} has {len(table.columns)} values; give"
+            f" {len(wanted)} numbers per row: {', '.join(map(str, wanted))}"
+        )
+    free = [c for c in table.columns if c not in chosen]
+    if len(free) == 1 or all(c is None or c.number == n for n, c in enumerate(chosen, 1)):
+        rest = iter(free)
+        columns = [next(rest) if c is None else c for c in chosen]
+        for column, known, want in zip(columns, chosen, wanted, strict=True):
+            if known is None and table.has_header and want.names:
+                _no_contradiction(table, column, want)
+        return columns
+    raise BadInput(f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_asked(wanted)}")
+
+
+def _asked(wanted: Sequence[WantedColumn]) -> str:
+    return "them " + ", ".join(map(str, wanted))
+
+
+def _matching(table: TextTable, want: WantedColumn, wanted: Sequence[WantedColumn]) -> list[Column]:
+    """The columns whose names, or whose units alone, say the quantity."""
+    return [c for c in table.columns if _says(c, want, wanted)]
+
+
+def _says(column: Column, want: WantedColumn, wanted: Sequence[WantedColumn]) -> bool:
+    label = column.label.strip()
+    if len(label) > header.MAX_NAME_LETTERS or not label:
+        return False
+    pattern = re.compile(want.names)
+    if len(label) == 1 and label in "tT" and TIME in wanted and TEMPERATURE in wanted:
+        return want is (TIME if label == "t" else TEMPERATURE)
+    if pattern.fullmatch(header.bare_name(label)):
+        return True
+    name, unit = header.split_label(label, want.unit)
+    if unit and unit != name and header.is_unit_text(unit, want.unit):
+        bare = header.bare_name(name)
+        if len(bare) == 1 and bare == "t" and TIME in wanted and TEMPERATURE in wanted:
+            return True
+        return pattern.fullmatch(bare) is not None
+    if unit and unit == name:  # a unit alone
+        return want.unit != "1" and header.is_unit_text(unit, want.unit)
+    return pattern.fullmatch(header.bare_name(name)) is not None and not unit
+
+
+def _no_contradiction(table: TextTable, column: Column, want: WantedColumn) -> None:
+    """BadInput where a column that would be taken by elimination says another quantity."""
+    if unit := _foreign_unit(column.label, want):
+        raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {want}; correct the names of the columns")
+    for other in VOCABULARY:
+        if other is not want and column.label and _says(column, other, (other,)):
+            raise BadInput(
+                f"{table.where}: {column} says {other.quantity}, where {want} is expected; correct the names of the"
+                " columns"
+            )
+
+
+def _foreign_unit(label: str, want: WantedColumn) -> str:
+    """The unit behind a low line or a slash of a label where it has another dimension than is wanted, else ""."""
+    unit = re.split(r"[_/]", label)[-1].strip() if re.search(r"[^\W_][_/]", label) else ""
+    return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, want.unit) else ""
+
+
+def _check_cells(table: TextTable, column: Column, want: WantedColumn) -> None:
+    """BadInput for the first cell that is no finite number."""
+    comma = table.dialect.comma
+    for k, cell in enumerate(table.cells(column)):
+        if parse_number(split_suffix(cell)[0], comma) is not None and not is_missing(cell):
+            continue
+        place = f"{table.where}:{table.lines[k]}"
+        if is_missing(cell):
+            raise BadInput(
+                f"{place}: {short(cell) or 'an empty cell'} is not a finite number; remove or repair the row"
+            )
+        if want is TIME and parse_stamp(cell):
+            continue
+        raise BadInput(
+            f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric; {short(repr(cell))} in column"
+            f" {column.number} is no number: repair it"
+        )
+
+
+def _values(table: TextTable, column: Column, want: WantedColumn) -> np.ndarray:
+    """Numbers of a column in the wanted unit; elapsed times as 00:01:02.5 in s."""
+    cells = table.cells(column)
+    if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
+        moments = parse_moments(cells, table.place, column.label)
+        if moments.has_date:
+            raise BadInput(f"{table.place(0)}: {short(repr(cells[0]))} is a date; give the time in s from its zero")
+        return moments.seconds
+    values, _ = table.quantity(column, want.unit)
+    return values

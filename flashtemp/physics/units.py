@@ -1,0 +1,409 @@
+"""Units of measurement as people, loggers and cameras write them: "25 mm", "W/m2K", "m s-1", "°C", "msec".
+
+A unit text is parsed by a small grammar of bounded length: a product or quotient of names with exponents of one digit.
+Only single names that passed it reach the units library (pint), which knows their size.  A name that means several
+units, as "C" or "F", is resolved by the dimension that is wanted.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import Any
+
+from flashtemp.errors import BadInput, short
+
+NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+UNIT = r"(?:1?/)?(?:[^\W\d_]|[°º˚℃℉%‰])[^\"'=;,]{0,40}?"
+QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s*(?=[^1\s])|\s+(?=1/))({UNIT})\s*")
+FILE = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with an ending
+MAX_UNIT_LETTERS = 60  # "W s^0.5/(m2K)" has 13
+MAX_NAMES = 8
+MAX_BRACKETS = 2
+MAX_SYMBOL_LETTERS = 4  # "mmHg", "kcal"; longer ones are words, which have a plural and may begin with a capital letter
+ZERO_IS_A_POINT = ("degC", "degF")  # scales whose zero does not mean "none"
+DECLARED = {"1": "", "W/mK": "W/(m K)"}  # in keys of ours mK is metre times kelvin
+NAME = re.compile(r"(?:cm|mm|in|ft)H2O|(?:deg(?:ree)?s?[ _])?°?[^\W\d]+|[°%‰]")
+POWER = re.compile(r"(?:\*\*|\^)?([-+]?[0-9](?:\.[0-9])?)(?![0-9.]*[0-9])")
+TEMPERATURE = re.compile(
+    r"(?:°|\ufffd|o|deg(?:ree)?s?)?[ ._]*(celsius|centigrade|fahrenheit|kelvins?|rankine|[cfkr])", re.IGNORECASE
+)
+SCALES = {  # size of a degree in K, and where its zero lies in K
+    "c": (Fraction(1), Fraction("273.15")),
+    "f": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+    "k": (Fraction(1), Fraction(0)),
+    "r": (Fraction(5, 9), Fraction(0)),
+}
+SPELLINGS = {  # beside the library's own; the wanted dimension chooses among several
+    "px": ("pixel",), "pixels": ("pixel",), "mil": ("thou",),
+    "mK": ("millikelvin", "meter*kelvin"), "kgK": ("kilogram*kelvin",), "gK": ("gram*kelvin",), "Nm": ("newton*meter",),
+    "Pas": ("pascal*second",), "mPas": ("millipascal*second",),
+}  # fmt: skip
+WORDS = {  # in letters of either case, after what the library makes of them
+    "sec": "second", "secs": "second", "msec": "millisecond", "msecs": "millisecond", "millis": "millisecond",
+    "usec": "microsecond", "usecs": "microsecond", "min": "minute", "mins": "minute", "hr": "hour", "hrs": "hour",
+    "h": "hour", "s": "second", "kmh": "kilometer/hour", "kmph": "kilometer/hour", "kph": "kilometer/hour",
+    "mph": "mile/hour", "mps": "meter/second", "fps": "hertz", "bar": "bar", "deg": "degree", "degs": "degree",
+    "pct": "percent", "°": "degree", "%": "percent", "‰": "permille",
+}  # fmt: skip
+PROPORTIONS = {"percent": 1e-2, "permille": 1e-3, "ppm": 1e-6, "ppb": 1e-9}
+CONSTANTS = {  # the library knows these beside units; none is one
+    "speed_of_light", "elementary_charge", "boltzmann_constant", "molar_gas_constant", "standard_gravity",
+    "dirac_constant", "stefan_boltzmann_constant",
+}  # fmt: skip
+NO_AMOUNTS = ("bit", "count")  # information and counted things
+EQUAL = 1e-9  # of exponents such as 0.8
+
+
+class _UnknownUnit(Exception):
+    """A text that is no unit."""
+
+
+@dataclass(frozen=True)
+class _Size:
+    """A unit: how many of the base units it is, and the exponents of these."""
+
+    factor: float
+    dimension: tuple[tuple[str, float], ...]
+
+
+Factors = list[tuple[str, float]]  # names of units with their exponents
+
+
+def looks_like_quantity(value: Any) -> bool:
+    """Whether a value is a text that may be a number with its unit.
+
+    >>> [looks_like_quantity(v) for v in ("25 mm", "0.3MPa", "speed.csv", "2.csv", 0.3, "1e-3", "inf")]
+    [True, True, False, False, False, False, False]
+    """
+    if not isinstance(value, str) or re.fullmatch(NUMBER, value) or FILE.fullmatch(value):
+        return False
+    return QUANTITY.fullmatch(value) is not None
+
+
+def to_unit(value: str, unit: str, difference: bool = False) -> float:
+    """The number that a text with a unit is in `unit`, of a `difference` where zero means none.  Raises BadInput.
+
+    Keys in K are differences always: temperatures themselves are in degC.
+
+    >>> to_unit("25 mm", "m"), to_unit("0.3MPa", "Pa"), to_unit("68 degF", "degC"), to_unit("5 %", "1")
+    (0.025, 300000.0, 20.0, 0.05)
+    >>> to_unit("0.2 W/mK", "W/mK"), to_unit("2 K", "degC", difference=True), to_unit("3 degC", "K")
+    (0.2, 2.0, 3.0)
+    >>> to_unit("10 W/m²K", "W/m2K"), to_unit("1.5 N/mm2", "Pa"), to_unit("0.2/m", "1/m")
+    (10.0, 1500000.0, 0.2)
+    """
+    found = QUANTITY.fullmatch(value)
+    if found is None:
+        raise BadInput(f"{short(repr(value))}; give a number {_wanted(unit)}")
+    number, text, difference = float(found[1]), found[2], difference or unit == "K"
+    if text == unit and not (difference and unit in ZERO_IS_A_POINT):
+        return number
+    if unit == "":
+        raise BadInput(f"{value!r}; give a number without a unit")
+    try:
+        line = _conversion(text, unit, difference)
+    except _UnknownUnit as fault:
+        raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {_wanted(unit)}") from fault
+    if line is None:
+        raise BadInput(f"{value!r} is no quantity {_wanted(unit)}; give one that can be turned into it")
+    return float(f"{line[0] * number + line[1]:.15g}")  # 0.3 MPa is 300000 Pa, not 299999.99999999994
+
+
+def conversion(unit_text: str, unit: str, difference: bool = False) -> tuple[float, float]:
+    """Factor and offset that turn numbers in the unit `unit_text` into `unit`: factor * x + offset.
+
+    With `difference` the numbers are differences, so that degrees have no offset.  Raises BadInput for an unknown unit
+    and for one of another dimension.
+
+    >>> conversion("mm", "m"), conversion("msec", "s"), conversion("K", "degC"), conversion("°F", "K", difference=True)
+    ((0.001, 0.0), (0.001, 0.0), (1.0, -273.15), (0.5555555555555556, 0.0))
+    >>> conversion("m", "s")
+    Traceback (most recent call last):
+        ...
+    flashtemp.errors.BadInput: 'm' is no unit that can be turned into s
+    """
+    try:
+        line = _conversion(unit_text, unit, difference)
+    except _UnknownUnit as fault:
+        what = f"that can be turned into {unit}" if unit not in ("", "1") else "of a number, such as % or 1"
+        raise BadInput(f"the unit {short(repr(unit_text))} is not known; give a unit {what}") from fault
+    if line is None:
+        into = unit if unit not in ("", "1") else "a number without a unit"
+        raise BadInput(f"{unit_text!r} is no unit that can be turned into {into}")
+    return line
+
+
+def is_unit(text: str, unit: str) -> bool:
+    """Whether a text is a unit that can be turned into `unit`.
+
+    >>> is_unit("deg C", "degC"), is_unit("F", "degC"), is_unit("mV", "degC"), is_unit("m", "s"), is_unit("h", "s")
+    (True, True, False, False, True)
+    """
+    try:
+        return _conversion(text, unit, False) is not None
+    except _UnknownUnit:
+        return False
+
+
+def convert_options(words: list[str], declared: Mapping[str, str]) -> list[str]:
+    """Words of a command line with the numbers of options, whose units are `declared`, without units.  Raises BadInput.
+
+    >>> units = {"block": "mm", "air": "degC"}
+    >>> convert_options(["--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"], units)
+    ['--block', '25.0', '7', '--start=-20ms', '--was.air', '20.0']
+    """
+    out, option = [], ""
+    for word in words:
+        name, given, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        option = name[2:].replace("-", "_") or option
+        unit = declared.get(option.split(".")[-1])
+        if unit is not None and looks_like_quantity(value):
+            try:
+                value = repr(to_unit(value, unit))
+            except BadInput as fault:
+                raise BadInput(f"{option}: {fault}") from fault
+        out.append(name + given + value)
+    return out
+
+
+def _wanted(unit: str) -> str:
+    return "in " + unit if unit not in ("", "1") else "without a unit"
+
+
+@lru_cache(maxsize=4096)
+def _conversion(text: str, unit: str, difference: bool) -> tuple[float, float] | None:
+    """Factor and offset, None where the dimensions differ.  Raises _UnknownUnit."""
+    if not text.strip():
+        raise _UnknownUnit(text)
+    scale = _temperature_scale(unit)
+    if scale is None:
+        wanted = _sizes(_normalised(DECLARED.get(unit, unit)))[0]
+        size = next((s for s in _sizes(_normalised(DECLARED.get(text, text))) if _alike(s, wanted)), None)
+        return None if size is None else (_rounded(size.factor / wanted.factor), 0.0)
+    own = _temperature_scale(text)
+    if own is None:
+        size = next((s for s in _sizes(_normalised(text)) if s.dimension == (("kelvin", 1.0),)), None)
+        if size is None:
+            return None
+        own = Fraction(_rounded(size.factor)), Fraction(0)
+    offset = Fraction(0) if difference else (own[1] - scale[1]) / scale[0]
+    return float(own[0] / scale[0]), float(offset)
+
+
+def _temperature_scale(text: str) -> tuple[Fraction, Fraction] | None:
+    """Size of a degree and the zero of a scale of temperature, both in K; None for any other text.
+
+    >>> _temperature_scale("deg C") == _temperature_scale("°C"), _temperature_scale("mV")
+    (True, None)
+    """
+    found = TEMPERATURE.fullmatch(_normalised(text))
+    return SCALES[found[1][0].lower()] if found else None
+
+
+def _normalised(text: str) -> str:
+    """A unit in plain letters: raised digits, signs and degree rings of whatever alphabet as the common ones.
+
+    >>> _normalised(" W·m⁻² "), _normalised("℃"), _normalised("deg  C"), _normalised("metres per second")
+    ('W*m-2', '°C', 'deg C', 'metres/second')
+    """
+    if len(text) > MAX_UNIT_LETTERS:
+        raise _UnknownUnit(text)
+    for ring in ("Â°", "º", "˚", "ᵒ", "∘"):  # the first is ° of a file in UTF-8 read as Latin-1
+        text = text.replace(ring, "°")
+    plain = unicodedata.normalize("NFKC", text.strip())
+    for sign, usual in (("\u2212", "-"), ("·", "*"), ("⋅", "*"), ("∙", "*"), ("×", "*"), ("μ", "µ")):
+        plain = plain.replace(sign, usual)
+    return re.sub(r" +per +", "/", re.sub(r"[ \t]+", " ", plain))
+
+
+def _alike(one: _Size, other: _Size) -> bool:
+    """Whether two units have the same dimension."""
+    a, b = dict(one.dimension), dict(other.dimension)
+    return a.keys() == b.keys() and all(abs(a[k] - b[k]) < EQUAL for k in a)
+
+
+def _rounded(factor: float) -> float:
+    """A factor without the last bits that its computation left.
+
+    >>> _rounded(0.1 * 3), _rounded(1 / 3.6)
+    (0.3, 0.2777777777777778)
+    """
+    near = float(f"{factor:.12g}")
+    return near if abs(near - factor) <= 1e-15 * abs(factor) else factor
+
+
+@lru_cache(maxsize=4096)
+def _sizes(text: str) -> list[_Size]:
+    """What a unit text may mean, the usual reading first.  Raises _UnknownUnit."""
+    sizes: list[_Size] = []
+    for factors in _readings(text):
+        meanings = [_meanings(name) for name, _ in factors]
+        for chosen in itertools.islice(itertools.product(*meanings), 64):
+            size = _product([(one, power) for one, (_, power) in zip(chosen, factors, strict=True)])
+            if size is not None and size not in sizes:
+                sizes.append(size)
+    if not sizes:
+        raise _UnknownUnit(text)
+    return sizes
+
+
+def _product(factors: list[tuple[_Size, float]]) -> _Size | None:
+    """The product of units with exponents; None where no number holds its size."""
+    factor, dimension = 1.0, dict[str, float]()
+    for size, power in factors:
+        try:
+            factor *= size.factor**power
+        except OverflowError:
+            return None
+        for base, exponent in size.dimension:
+            dimension[base] = dimension.get(base, 0.0) + exponent * power
+    if not (math.isfinite(factor) and factor > 0):
+        return None
+    return _Size(factor, tuple(sorted((b, e) for b, e in dimension.items() if abs(e) > EQUAL)))
+
+
+# --- the grammar ------------------------------------------------------------------------------------
+def _readings(text: str) -> Iterator[Factors]:
+    """A unit text as names with exponents: as written, and with all that follows the first line below it.
+
+    The second reading is the usual meaning of "J/kg K", which the wanted dimension confirms.
+
+    >>> list(_readings("W/m2K")), [*_readings("J/kg K")][1]
+    ([[('W', 1.0), ('m', -2.0), ('K', -1.0)]], [('J', 1.0), ('kg', -1.0), ('K', -1.0)])
+    """
+    parser = _Parser(text)
+    terms = parser.terms(0) if text not in ("", "1") else []
+    if (terms and parser.at < len(text)) or sum(len(factors) for _, factors in terms) > MAX_NAMES:
+        raise _UnknownUnit(text)
+    yield [(name, sign * power) for sign, factors in terms for name, power in factors]
+    first = next((n for n, (sign, _) in enumerate(terms) if sign < 0), len(terms))
+    if any(sign > 0 for sign, _ in terms[first:]):
+        yield [
+            (name, power * (1 if n < first else -1)) for n, (_, factors) in enumerate(terms) for name, power in factors
+        ]
+
+
+@dataclass
+class _Parser:
+    """Recursive descent through a unit text; `at` is where it stands."""
+
+    text: str
+    at: int = 0
+
+    def terms(self, depth: int) -> list[tuple[int, Factors]]:
+        """Terms between products (1) and lines (-1) up to a closing bracket or the end.  Raises _UnknownUnit."""
+        out: list[tuple[int, Factors]] = []
+        sign = 1
+        if self._take("1/") or self._take("/"):
+            sign = -1
+        while True:
+            out.append((sign, self._term(depth)))
+            if self._take("/"):
+                sign = -1
+            elif self._take("**") or self._take("^"):  # an exponent that is none
+                raise _UnknownUnit(self.text)
+            elif self._take("*") or self._take(".") or self._space():
+                sign = 1
+            else:
+                return out
+
+    def _term(self, depth: int) -> Factors:
+        """A name or bracket, or several that an exponent or a degree ring parts, as m2K or m°C."""
+        self._skip()
+        out: Factors = []
+        while True:
+            if depth < MAX_BRACKETS and self._take("("):
+                inside = [(n, s * p) for s, factors in self.terms(depth + 1) for n, p in factors]
+                self._skip()
+                if not self._take(")"):
+                    raise _UnknownUnit(self.text)
+            elif name := NAME.match(self.text, self.at):
+                inside, self.at = [(name[0], 1.0)], name.end()
+            else:
+                break
+            power = POWER.match(self.text, self.at)
+            out += [(n, p * float(power[1])) for n, p in inside] if power else inside
+            self.at = power.end() if power else self.at
+            if power is None and self.text[self.at : self.at + 1] != "°":  # nothing else parts a name from the next
+                break
+        if not out:
+            raise _UnknownUnit(self.text)
+        return out
+
+    def _take(self, sign: str) -> bool:
+        """Whether a sign stands next, perhaps after a blank; if so the parser goes past it."""
+        start = self.at + (self.text[self.at : self.at + 1] == " " and sign != "(")
+        if not self.text.startswith(sign, start):
+            return False
+        self.at = start + len(sign)
+        return True
+
+    def _space(self) -> bool:
+        """Whether a blank stands between two terms."""
+        if self.text[self.at : self.at + 1] != " " or self.at + 1 >= len(self.text):
+            return False
+        self.at += 1
+        return self.text[self.at] != ")"
+
+    def _skip(self) -> None:
+        self.at += self.text[self.at : self.at + 1] == " "
+
+
+# --- names ------------------------------------------------------------------------------------------
+@lru_cache(maxsize=4096)
+def _meanings(name: str) -> tuple[_Size, ...]:
+    """What a single name may mean, the usual first; empty for an unknown one."""
+    found = [_spelled_out(text) for text in SPELLINGS.get(name, (name,))]
+    if scale := _temperature_scale(name):  # of a product it is the size of a degree
+        found.append(_Size(float(scale[0]), (("kelvin", 1.0),)))
+    if word := WORDS.get(name.casefold()):
+        found.append(_spelled_out(word))
+    return tuple(dict.fromkeys(size for size in found if size is not None))
+
+
+def _spelled_out(text: str) -> _Size | None:
+    """Names between * and one /, without brackets; None where one is unknown."""
+    above, _, below = text.partition("/")
+    factors: list[tuple[_Size, float]] = []
+    for names, power in ((above, 1.0), (below, -1.0)):
+        for name in names.split("*") if names else ():
+            size = _Size(PROPORTIONS[name], ()) if name in PROPORTIONS else _library(name)
+            if size is None:
+                return None
+            factors.append((size, power))
+    return _product(factors)
+
+
+def _library(name: str) -> _Size | None:
+    """A single name as the library knows it; None for logarithmic units, counts, information, constants."""
+    registry = _registry()
+    for text in dict.fromkeys((name, name.lower())):
+        for prefix, unit, plural in registry.parse_unit_name(text)[:1]:
+            stem = text.removesuffix("s")
+            is_word = len(stem) > MAX_SYMBOL_LETTERS or text in {prefix + unit + end for end in ("", "s", "es")}
+            is_plural = plural or (text != stem and registry.parse_unit_name(stem)[:1] == ((prefix, unit, ""),))
+            if (text != name or is_plural) and not is_word:  # Pas is no plural, megabar and millibar differ by case
+                continue
+            if unit in CONSTANTS or "_" in text or not registry._units[unit].is_multiplicative:
+                return None
+            factor, base = registry.get_root_units(prefix + unit)
+            dimension = tuple(sorted((b, float(e)) for b, e in base._units.items()))
+            if any(b in NO_AMOUNTS for b, _ in dimension) or not dimension:
+                return None
+            return _Size(float(factor), dimension)
+    return None
+
+
+@cache
+def _registry() -> Any:
+    """The library of units, loaded when the first number has one."""
+    import pint
+
+    return pint.UnitRegistry()

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
+from flashtemp.model.case import load
+from flashtemp.model.laws import STEP
+from flashtemp.model.numerics import available
 from flashtemp.runs.convergence import Convergence
+from flashtemp.solver import cvode
+from flashtemp.solver.balance import Balance
+from flashtemp.solver.system import System
 
 L = 0.025
 BARE = {"ambient__convection": 0.0, "contact__lane_widening": 0.0}
@@ -80,3 +86,96 @@ def test_an_order_that_cannot_be_told_is_none_and_errors_have_their_unit():
     assert lines[1].startswith("  rise at the leading edge, K ")
     assert "order     -" in lines[4]
     assert "nan" not in str(found)
+
+
+# --- the integrator's memory ------------------------------------------------------------------------
+
+
+class Decay:
+    """dy/dt = -y."""
+
+    def rate(self, t, y, out):
+        out[:] = -y
+
+    def linearised(self, t, y, gamma):
+        self.gamma = gamma
+        return self
+
+    def times(self, v, out):
+        out[:] = -v
+
+    def solve(self, r, z):
+        z[:] = r / (1.0 + self.gamma)
+
+
+def decayed(binding, size=4):
+    """Every step of a start, to the bit."""
+    solver = cvode.Integrator(binding, Decay(), cvode.Tolerance(1e-4, 1e-6))
+    solver.start(0.0, np.linspace(1.0, 2.0, size), 1.0)
+    path = []
+    while not path or path[-1][0] < 1.0:
+        t, y = solver.step()
+        path.append((t, y.tobytes()))
+    solver.close()
+    return path, solver.calls
+
+
+@pytest.mark.parametrize("binding", available())
+def test_a_start_keeps_no_memory_of_the_starts_before(binding):
+    """Less than half a vector of the problem's size per start; a CVODE object that is left alone keeps 14 of them."""
+    psutil = pytest.importorskip("psutil")
+    size, starts = 20_000, 30
+    for _ in range(5):
+        decayed(binding, size)
+    before = psutil.Process().memory_info().rss
+    for _ in range(starts):
+        decayed(binding, size)
+    assert psutil.Process().memory_info().rss - before < 0.5 * 8 * size * starts
+
+
+@pytest.mark.parametrize("binding", available())
+def test_a_start_is_the_same_to_the_bit_whether_its_integrator_served_before_or_not(binding):
+    cvode._idle_solvers.cache_clear()
+    first = decayed(binding)
+    assert decayed(binding) == first
+    cvode._idle_solvers.cache_clear()
+    assert decayed(binding) == first
+
+
+# --- fronts -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("across", [1, 3])
+@pytest.mark.parametrize("speed", [0.1, 5.0])
+def test_no_road_is_colder_than_everything_around_where_a_front_passes(lab, speed, across):
+    """Nothing here cools below 20 degC; the second-order scheme by itself falls short by 1 to 9 % of the rise."""
+    run = lab.case(
+        numerics__cells=[14, 8, 10], numerics__across=across, schedule__speed=speed, schedule__distance=0.05,
+        output__profiles=30, output__fields=10,
+    )  # fmt: skip
+    rise = np.max(run.T_spot) - 20.0
+    for name in ("T_block", "T_road", "T_wake", "field"):
+        lab.check(
+            f"fall below 20 degC of {name} over the rise at {speed} m/s", (20.0 - getattr(run, name).min()) / rise, 1e-3
+        )
+    assert run.energy_imbalance < 1e-12
+
+
+@pytest.mark.parametrize("across", [1, 3])
+def test_bounded_faces_conserve_heat_and_their_derivative_is_exact(across):
+    """A random field around zero has many of them; of its heat the bound moves some and loses none."""
+    given = {"numerics.cells": [14, 8, 10], "numerics.across": across, "schedule.distance": 0.05, "schedule.speed": 5.0}
+    scene = load(Path(__file__).parents[1] / "cases" / "uniform_pressure", given).scene
+    b, rng = Balance(scene), np.random.default_rng(5)
+    system, y, v = System(b, scene.schedule.phases[0]), np.zeros(b.size), np.zeros(b.size)
+    y[: b.n], v[: b.n] = rng.normal(size=b.n), rng.normal(size=b.n)
+    now = system.moment(1e-3)
+    bounded = system.solid.bound(y[: b.n], system.entering_enthalpy(system.entering(now)), b.carry(now), system.floor)
+    assert len(bounded.faces) > 0.1 * b.n / 2
+    moved, step, product = np.zeros(b.n), np.zeros(b.size, dtype=complex), np.zeros(b.size)
+    bounded.add_rate(moved)
+    heat = np.outer(b.capacity, scene.mesh.share).ravel() * moved
+    assert abs(heat.sum()) < 1e-12 * np.abs(heat).sum()
+    system.linearised(1e-3, y, 1e-2).times(v, product)
+    system.rate(1e-3, y + 1j * STEP * v, step)
+    np.testing.assert_allclose(product[: b.n], step.imag[: b.n] / STEP, rtol=1e-9, atol=1e-9 * np.abs(product).max())

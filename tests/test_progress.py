@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
@@ -35,6 +36,32 @@ def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys, monkeypatch
     )
     assert left[0] == 301 - 7  # after a tenth of a minute
     assert all(abs(p / 100 * 301 + s - 301) < 2 for p, s in zip(percent, left, strict=True))
+
+
+def test_slow_work_says_how_long_it_takes_from_the_first_line_on(clock, capsys, monkeypatch):
+    """Also where a minute does less than a hundredth of it, as 3 m of resolved spots in 3D."""
+    monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
+    watch = terminal.Lines("spots")
+    for second in range(130):
+        clock[0] = float(second)
+        watch(second, 30000.0)
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 3
+    assert all(re.fullmatch(r"spots: 0 %, about 29[89]\d\d s left", line) for line in told), told
+
+
+@pytest.mark.parametrize("first", [1e-3, 5.0])
+def test_time_left_follows_the_pace_of_late_not_that_of_the_first_steps(clock, capsys, monkeypatch, first):
+    """The first steps of an integration are short, and a resumed run begins far from zero."""
+    monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
+    watch, done = terminal.Lines("run"), 0.0
+    for second in range(200):
+        clock[0] = float(second)
+        done += first if second < 20 else 1.0
+        watch(done, 1000.0)
+    left = int(re.search(r"about (\d+) s left", capsys.readouterr().err.splitlines()[-1])[1])
+    at = int(np.floor(3 * 60 + 0.1 * 60)) + 1
+    assert left == pytest.approx(1000.0 - 20 * first - (at - 20), rel=0.01)
 
 
 def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):

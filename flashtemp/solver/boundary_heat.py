@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -164,6 +165,31 @@ class BoundaryHeat:
         total = sum(h for _, h in passing)
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
+    def cools(self, seeing: Callable, now, rise: float) -> bool:
+        """Whether a patch or zone law takes heat from where all is at a `rise` (K); `seeing` a moment as laws do."""
+        if not self.local:
+            return False
+        mesh, now, T = self.scene.mesh, seeing(now), rise + self.scene.ambient
+        for site, entries in self.patched.items():
+            x, y, _ = mesh.place(mesh.patches[site][0])
+            at = now.at(mesh, x, y)
+            if any(np.min(np.real(part.law(np.full(len(x), T), at, p))) < 0.0 for part, p in entries):
+                return True
+        for part, p, cells, at in self._zones(now):
+            if np.min(np.real(part.law(np.full(cells.shape, T), at, p))) < 0.0:
+                return True
+        return False
+
+    def _zones(self, now):
+        """(law, parameters, cells, the moment there) of every law of a zone."""
+        mesh = self.scene.mesh
+        for part, p, _ in self.laws.zones:
+            plane = mesh.block if part.site == "block" else mesh.road
+            edges = mesh.height if part.site == "block" else -mesh.depth[::-1]
+            span = {"low": edges[:-1, None], "high": edges[1:, None]}
+            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
+            yield part, p, mesh.everywhere(plane), at
+
     def _general(self, now, rise, kf, step: complex = 0.0):
         """(ledger, cells, heat in W/m per cell) of patch and zone laws at a `rise` (cells,) K, a `step` above it."""
         if not self.local:
@@ -174,12 +200,8 @@ class BoundaryHeat:
             surface, share, at = self._surface(site, now, T, kf)
             for part, p in entries:
                 yield _ledger(site, part), cell, area * share * part.law(surface, at, p)
-        for part, p, _ in self.laws.zones:
+        for part, p, cells, at in self._zones(now):
             plane = mesh.block if part.site == "block" else mesh.road
-            cells = mesh.everywhere(plane)
-            edges = mesh.height if part.site == "block" else -mesh.depth[::-1]
-            span = {"low": edges[:-1, None], "high": edges[1:, None]}
-            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
             volume = mesh.volume[plane][..., None] * mesh.share
             yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * volume
 

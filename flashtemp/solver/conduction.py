@@ -58,6 +58,34 @@ class Slopes:
         return down
 
 
+@dataclass(frozen=True)
+class Bounded:
+    """Faces (n, 4) of the road that advection may not take below the `floor`, at enthalpy rises h and h_in."""
+
+    b: Balance
+    faces: np.ndarray
+    carry: np.ndarray
+    floor: float
+    h: np.ndarray
+    h_in: np.ndarray
+
+    def add_rate(self, out) -> None:
+        """Add to rates (cells,) K/s what these faces carry more."""
+        b, mesh = self.b, self.b.scene.mesh
+        kernels_2d.bound_faces(
+            self.faces, mesh.line, mesh.n_across, b.slope, self.carry, b.capacity, self.floor, self.h,
+            self.h_in.astype(self.h.dtype, copy=False), out,
+        )  # fmt: skip
+
+    def add_product(self, v, out) -> None:
+        """Add to a product of the Jacobian what changes v (cells,) K do there."""
+        b, mesh = self.b, self.b.scene.mesh
+        held = np.real(self.h[self.faces[:, 0]]) < self.floor
+        kernels_2d.bound_products(
+            self.faces, mesh.line, mesh.n_across, b.slope, self.carry, b.capacity, held, v, out
+        )  # fmt: skip
+
+
 def solid(balance: Balance) -> Plane | Slab:
     """The solids of a balance: a Plane in 2D, a Slab in 3D."""
     mesh = balance.scene.mesh
@@ -112,7 +140,21 @@ class Plane:
         )  # fmt: skip
         q /= b.capacity
 
-    def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedPlane:
+    def bound(self, h, h_in, carry, floor: float) -> Bounded | None:
+        """Faces that would carry road colder than the `floor` (enthalpy rise in K), None where there are none.
+
+        The second-order upwind scheme extrapolates to faces, and undershoots before a cold front.  A face is held at
+        the lesser of its own cell and the floor: the positivity-preserving limiter of Zhang and Shu (2010, J. Comput.
+        Phys. 229, 3091), which leaves the order of the scheme wherever it does not act, and conserves heat.
+        """
+        if floor == -np.inf or not carry.any():
+            return None
+        faces = kernels_2d.undershooting_faces(self.lines.start, self.lines.m, self.b.slope, floor, h, h_in)
+        return Bounded(self.b, faces, carry, floor, h, h_in) if len(faces) else None
+
+    def linearised(
+        self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows, bounded: Bounded | None
+    ) -> LinearisedPlane:
         """Around conductivities `kf` (cells,) and dh/dT `stretch` (cells,), with P ~ I - gamma J factorised.
 
         `carry` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
@@ -125,7 +167,7 @@ class Plane:
         factors = self._factors(gamma, Transport(gx, gz, carry, stretch), own, up, down)
         pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
         crossing = Crossing(up, down, *pivots)
-        return LinearisedPlane(self, gamma, (gx, gz), carry, stretch, slopes, factors, crossing)
+        return LinearisedPlane(self, gamma, (gx, gz), carry, stretch, slopes, factors, crossing, bounded)
 
     def _factors(self, gamma, transport: Transport, own, up, down) -> Factors:
         # one block: malloc keeps its memory for the next, small ones would fault their pages in anew
@@ -146,6 +188,7 @@ class LinearisedPlane:
     slopes: Slopes
     factors: Factors
     crossing: Crossing
+    bounded: Bounded | None
 
     def product(self, T, lane, out) -> None:
         """out = J v of cells whose temperatures change by T (cells,), lanes' by `lane` (columns,), in K/s.
@@ -165,6 +208,8 @@ class LinearisedPlane:
             kernels_2d.deposit(b.deep_cells, b.weight, power, out)
         h = T if b.capacity_gradient is None else T * self.stretch
         self.solid.flows(T, h, b.no_inflow, b.no_inflow, self.conductances, self.carry, out)
+        if self.bounded is not None:
+            self.bounded.add_product(h, out)
 
     def solve(self, r, z) -> None:
         """z = P^-1 r of cells; the columns of P conserve heat by themselves."""
@@ -207,7 +252,9 @@ class Slab(Plane):
         run = kernels_3d.flows if conductances.factor.ndim == 1 else kernels_3d.varying_flows
         run(self.lines, conductances, carry, T, h, T_in, h_in, q)
 
-    def linearised(self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows) -> LinearisedSlab:
+    def linearised(
+        self, gamma: float, kf, carry, stretch, slopes: Slopes, rows: Rows, bounded: Bounded | None
+    ) -> LinearisedSlab:
         """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
         diagonal = slopes.diagonal()
@@ -224,7 +271,7 @@ class Slab(Plane):
         inside = mesh.level[cells // n] >= mesh.n_road
         return LinearisedSlab(
             self, gamma, self.conductances(kf), carry, stretch, slopes, factors,
-            self._crossing(gamma, slopes, diagonal, own, factors),
+            self._crossing(gamma, slopes, diagonal, own, factors), bounded,
             arrives=(cells, weights),
             holds=(b.capacity * even)[mesh.block].sum() - gamma * weights[inside].sum(),
         )  # fmt: skip

@@ -7,8 +7,8 @@ One sweep alone leaves out how widening lanes answer: what it leaves grows from 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from flashtemp.physics.just_in_time import njit
 from flashtemp.solver.linearised import Linearised, Moved
 
 SOLVED, SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most

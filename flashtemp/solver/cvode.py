@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cache
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from flashtemp.errors import SolverFailure
 
 @dataclass(frozen=True)
 class Tolerance:
-    """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s."""
+    """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s, 0 for none."""
 
     rtol: float
     atol: float
@@ -37,6 +39,15 @@ class System(Protocol):
     def linearised(self, t: float, y: np.ndarray, gamma: float) -> Linearised: ...
 
 
+class _Callbacks(NamedTuple):
+    """What CVODE calls."""
+
+    rate: Callable[..., None]
+    times: Callable[..., None]
+    setup: Callable[..., None]
+    solve: Callable[..., None]
+
+
 class Integrator:
     """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
 
@@ -51,13 +62,13 @@ class Integrator:
         self.steps, self.t = 0, 0.0
         self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
         make = _odes if binding == "scikits-odes" else _sundae
-        self._start, self._advance, self._interpolate = make(
+        callbacks = _Callbacks(
             self._guard("rate", system.rate),
             self._guard("times", self._times),
             self._guard("setup", self._setup),
             self._guard("solve", self._solve),
-            tol,
         )
+        self._start, self._advance, self._interpolate, self._close = make(callbacks, tol)
 
     def _setup(self, t: float, y: np.ndarray, gamma: float) -> None:
         self._linearised = self._system.linearised(t, y, gamma)
@@ -109,31 +120,61 @@ class Integrator:
         """Solution at a time within the last step."""
         return self._interpolate(t)
 
+    def close(self) -> None:
+        """Give CVODE's memory back, for the next start or to the system; nothing can be asked afterwards."""
+        self._close()
+        self._linearised = None
 
-def _odes(rate, times, setup, solve, tol: Tolerance):
-    """scikits-odes: callbacks get copies of CVODE's vectors."""
-    from scikits_odes_sundials.cvode import CVODE, StatusEnum
 
-    def rfn(t, y, ydot):
-        rate(t, y, ydot)
-        return 0
+class _ReusableSolver:
+    """A CVODE object of scikits-odes with exchangeable callbacks; one object serves many starts of one size.
 
-    def psetup(t, y, jok, jcur, gamma):
-        setup(t, y, gamma)
-        jcur.value = True
-        return 0
+    The binding never frees the linear solver of an object that ends: 15 to 25 vectors of the size of the problem
+    (SUNLinSolFree is not called).  SUNDIALS' own way to integrate a further problem of the same size is CVodeReInit.
+    """
 
-    def psolve(t, y, r, z, gamma, delta, lr):
-        solve(r, z)
-        return 0
+    def __init__(self, tol: Tolerance):
+        self._tol = tol
+        self._solver: Any = None
+        self.callbacks: _Callbacks | None = None
 
-    def jtimes(v, jv, t, y):
-        times(v, jv)
-        return 0
-
-    def make(stop):
+    def start(self, t: float, y: np.ndarray, stop: float) -> None:
+        """Begin at (t, y); never pass `stop`."""
         # the binding keeps tstop in single precision: the next value above never stops short
         tstop = float(np.nextafter(np.float32(stop), np.float32(np.inf)))
+        if self._solver is None:
+            self._solver = self._create(tstop)
+            self._solver.init_step(t, y)
+            return
+        for values in gc.get_referents(self._solver):  # results at earlier stop times, which the binding keeps as well
+            if isinstance(values, list):
+                values.clear()
+        assert self.callbacks is not None
+        self.callbacks.rate(t, y, np.empty_like(y))  # init_step asks once as well
+        self._solver.reinit_IC(t, y)
+        self._solver.set_options(tstop=tstop)
+
+    def _create(self, tstop: float) -> Any:
+        from scikits_odes_sundials.cvode import CVODE
+
+        def rfn(t, y, ydot):
+            self.callbacks.rate(t, y, ydot)
+            return 0
+
+        def psetup(t, y, jok, jcur, gamma):
+            self.callbacks.setup(t, y, gamma)
+            jcur.value = True
+            return 0
+
+        def psolve(t, y, r, z, gamma, delta, lr):
+            self.callbacks.solve(r, z)
+            return 0
+
+        def jtimes(v, jv, t, y):
+            self.callbacks.times(v, jv)
+            return 0
+
+        tol = self._tol
         return CVODE(
             rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
             precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
@@ -141,14 +182,38 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
             err_handler=lambda *report: None, tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
 
-    box = {}
+    def step(self, t: float, one: bool) -> Any:
+        """Advance by one internal step towards t, or up to t; what the binding returns."""
+        if one:
+            return self._solver.step(t)
+        self._solver.set_options(one_step_compute=False)
+        out = self._solver.step(t)
+        self._solver.set_options(one_step_compute=True)
+        return out
+
+
+@cache
+def _idle_solvers(size: int, tol: Tolerance) -> list[_ReusableSolver]:
+    """Solvers of a size and tolerance that wait for their next start."""
+    return []
+
+
+def _odes(call: _Callbacks, tol: Tolerance):
+    """scikits-odes: callbacks get copies of CVODE's vectors."""
+    from scikits_odes_sundials.cvode import StatusEnum
+
+    box: dict[str, Any] = {}
 
     def start(t, y, stop):
-        box["solver"], box["stop"] = make(stop), stop
-        box["solver"].init_step(t, y)
+        close()
+        idle = _idle_solvers(len(y), tol)
+        box["idle"], box["stop"] = idle, stop
+        box["solver"] = idle.pop() if idle else _ReusableSolver(tol)
+        box["solver"].callbacks = call
+        box["solver"].start(t, y, stop)
 
     def advance():
-        out = box["solver"].step(box["stop"])
+        out = box["solver"].step(box["stop"], one=True)
         bad = out.flag not in (StatusEnum.SUCCESS, StatusEnum.TSTOP_RETURN)
         if bad:
             return 0.0, None, f"CVODE: {out.message or out.flag.name}"
@@ -157,33 +222,35 @@ def _odes(rate, times, setup, solve, tol: Tolerance):
         return float(out.values.t), out.values.y, ""
 
     def interpolate(t):
-        solver = box["solver"]
-        solver.set_options(one_step_compute=False)
-        out = solver.step(t)
-        solver.set_options(one_step_compute=True)
-        return out.values.y
+        return box["solver"].step(t, one=False).values.y
 
-    return start, advance, interpolate
+    def close():
+        if box:
+            box["solver"].callbacks = None
+            box["idle"].append(box["solver"])
+            box.clear()
+
+    return start, advance, interpolate, close
 
 
-def _sundae(rate, times, setup, solve, tol: Tolerance):
+def _sundae(call: _Callbacks, tol: Tolerance):
     """scikit-sundae: callbacks share CVODE's memory."""
     from sksundae.cvode import CVODE, CVODEJacTimes, CVODEPrecond
 
     def rfn(t, y, ydot):
-        rate(t, y, ydot)
+        call.rate(t, y, ydot)
 
     def psetup(t, y, yp, jok, jnew, gamma):
-        setup(t, y, gamma)
+        call.setup(t, y, gamma)
         jnew[0] = 1
 
     def psolve(t, y, yp, r, z, gamma, delta, lr):
-        solve(r, z)
+        call.solve(r, z)
 
     def jtimes(t, y, yp, v, jv):
-        times(v, jv)
+        call.times(v, jv)
 
-    box = {}
+    box: dict[str, Any] = {}
 
     def start(t, y, stop):
         box["stop"] = stop
@@ -203,4 +270,4 @@ def _sundae(rate, times, setup, solve, tol: Tolerance):
     def interpolate(t):
         return box["solver"].step(t, method="normal", tstop=box["stop"]).y
 
-    return start, advance, interpolate
+    return start, advance, interpolate, box.clear

@@ -52,6 +52,8 @@ class Interface:
         now, press, state = self.settled(now, worn, T, road, kf)
         if not now.touching:
             return Contact(state, press)
+        if slopes:
+            state = lanes.limited(self.b, state, T, road)
         flux, slope = self.fluxes(state, now, T, road, kf, slopes)
         self.recent.touch = np.real(flux.touch)
         return Contact(state, press, flux, slope)

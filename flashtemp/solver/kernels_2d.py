@@ -7,7 +7,8 @@ here is linear in the temperatures, so complex arrays pass through and give exac
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from flashtemp.physics.just_in_time import njit
 
 
 @njit(cache=True)
@@ -65,6 +66,76 @@ def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
             rate[a + k] -= q
             if i + 1 < n:
                 rate[b + k] += q
+
+
+@njit(cache=True)
+def undershooting_faces(start, m, slope, floor, h, h_in):
+    """Faces (n, 4) between road cells whose extrapolated value lies below their own cell and below the `floor`.
+
+    Of each the cell, the cell upstream (-1: road that enters), the cell downstream and the depth level; cells count
+    within planes.  h (cells,), h_in (m planes,) rises.
+    """
+    across = len(h_in) // m
+    hits = np.zeros((len(start) - 2, m), np.int64)
+    for i in range(len(start) - 2):
+        s = slope[i]
+        for k in range(m):
+            c, count = (start[i] + k) * across, 0
+            if i > 0:
+                p = (start[i - 1] + k) * across
+                for j in range(across):  # no branches: it runs on whole vectors of planes
+                    own = h[c + j].real
+                    face = own + s * (own - h[p + j].real)
+                    count += (face < floor) & (face < own)
+            else:
+                for j in range(across):
+                    own = h[c + j].real
+                    face = own + s * (own - h_in[k * across + j].real)
+                    count += (face < floor) & (face < own)
+            hits[i, k] = count
+    found = np.empty((hits.sum(), 4), np.int64)
+    n = 0
+    for i in range(len(hits)):
+        for k in range(m):
+            for j in range(across if hits[i, k] > 0 else 0):
+                c, p = (start[i] + k) * across + j, (start[i - 1] + k) * across + j if i > 0 else -1
+                back = h[p].real if i > 0 else h_in[k * across + j].real
+                face = h[c].real + slope[i] * (h[c].real - back)
+                if face < floor and face < h[c].real:
+                    found[n] = c, p, (start[i + 1] + k) * across + j, k
+                    n += 1
+    return found
+
+
+@njit(cache=True)
+def bound_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rate):
+    """Add to `rate` (cells,) K/s what faces carry more where they hold the lesser of their cell and the `floor`.
+
+    `line` (n_plane,) of a cell of a plane.  What leaves one cell enters the next, so that heat is conserved.
+    """
+    for f in range(len(faces)):
+        c, p, after, k = faces[f]
+        back = h[p] if p >= 0 else h_in[k * across + c % across]
+        face = h[c] + slope[line[c // across]] * (h[c] - back)
+        held = h[c] if h[c].real < floor else 0.0 * h[c] + floor
+        q = carry[k] * (held - face)
+        rate[c] -= q / capacity[c // across]
+        rate[after] += q / capacity[after // across]
+
+
+@njit(cache=True)
+def bound_products(faces, line, across, slope, carry, capacity, held, v, rate):
+    """The derivative of `bound_faces`: add to `rate` what changes v (cells,) do.
+
+    `held` says of every face whether it holds its cell (else the floor).
+    """
+    for f in range(len(faces)):
+        c, p, after, k = faces[f]
+        back = v[p] if p >= 0 else 0.0 * v[c]
+        face = v[c] + slope[line[c // across]] * (v[c] - back)
+        q = carry[k] * ((v[c] if held[f] else 0.0 * v[c]) - face)
+        rate[c] -= q / capacity[c // across]
+        rate[after] += q / capacity[after // across]
 
 
 @njit(cache=True)

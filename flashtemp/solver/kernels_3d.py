@@ -8,7 +8,8 @@ from plane to plane.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from flashtemp.physics.just_in_time import njit
 
 SUM = {"reassoc", "contract", "nsz"}
 

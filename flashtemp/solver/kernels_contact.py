@@ -9,7 +9,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from flashtemp.physics.just_in_time import njit
 
 LEAST = 1e-3  # of a slope in Newton's method
 

@@ -122,11 +122,38 @@ def fallen(b: Balance, state: Any, T, T_in=None) -> np.ndarray:
 
 def rises(b: Balance, state: Any, T, road) -> np.ndarray:
     """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over a `System.road` that enters."""
+    found, coldest = _lanes_and_bound(b, state, T, road)
+    return found if coldest is None else np.where(np.real(found) < coldest, coldest, found)
+
+
+def limited(b: Balance, state: Any, T, road) -> Any:
+    """The `ContactState` for slopes: lanes that the bound of `rises` holds follow no column."""
+    found, coldest = _lanes_and_bound(b, state, T, road)
+    if coldest is None:
+        return state
+    free = np.real(found) >= coldest
+    return state._replace(lane=state.lane * free, fall=state.fall * free)
+
+
+def _lanes_and_bound(b: Balance, state: Any, T, road) -> tuple[np.ndarray, float | None]:
+    """Rises of the lanes by the closure, and the least that lanes can have, None where all have more.
+
+    Ratios of `in_contact` are large where little touches, and an error of the road's columns grows with them.  By the
+    maximum principle of heat conduction (Protter and Weinberger 1967) no lane is colder than the coldest of what it
+    exchanges heat with: the block's face, the road's mean across y, and the road as it came in.
+    """
     came, own = road
     lowered, seen = fallen(b, state, T, came), state.under.seen(T)
-    given: tuple = alike(state.lane, lowered, seen, came[-b.scene.mesh.n_across :], state.widen, own)
+    top = came[-b.scene.mesh.n_across :]
+    given: tuple = alike(state.lane, lowered, seen, top, state.widen, own)
     found: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *given)
-    return found
+    least = found.real.min()
+    if least >= T[b.cell_block].real.min():
+        return found, None
+    untouched: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, 0.0 * given[0], *given[1:])
+    mean = untouched.real + b.share * (seen - np.resize(top, len(seen))).real
+    coldest = float(min(T[b.cell_block].real.min(), untouched.real.min(), mean.min()))
+    return found, coldest if least < coldest else None
 
 
 def entered(b: Balance, weights: np.ndarray, road) -> np.ndarray:

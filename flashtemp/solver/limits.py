@@ -29,25 +29,11 @@ def check(system: System, t: float, T, *, hottest: float) -> None:
             "chars above 300 degC; give less load, speed or friction, or raise that limit"
         )
     allowed = UNDERSHOOT * max(high, 0.0) + SMALL
-    if low < -allowed and low < (coldest := _coldest(system, t)) - allowed:
+    if low < -allowed and low < (coldest := system.coldest(t)) - allowed:
         raise SolverFailure(
             f"{low + ambient - KELVIN:.4g} degC is below everything that cools, {coldest + ambient - KELVIN:.4g} degC; "
             "give a finer mesh"
         )
-
-
-def _coldest(system: System, t: float) -> float:
-    """Rise (K) of the coldest thing around at time t; -inf where a law of heat cools below all of them."""
-    b, now = system.b, system.moment(t)
-    around = [0.0, now.ambient - b.scene.ambient, float(np.min(system.entering(now)))]
-    for entries in b.laws.films.values():
-        around += [float(part.far(now, p)) - b.scene.ambient for part, p, _ in entries if part.far is not None]
-    low, mesh = min(around), b.scene.mesh
-    for part, p, _ in (*b.laws.patches, *b.laws.zones):
-        at = now._replace(x=mesh.x_centre, y=0.0)
-        if np.min(np.real(part.law(np.full(len(mesh.x_centre), low + b.scene.ambient), at, p))) < 0.0:
-            return -np.inf
-    return low
 
 
 def audit(run: Run, atol: float) -> Run:

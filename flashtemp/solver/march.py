@@ -143,6 +143,7 @@ def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: 
             limits.check(system, t, system.b.rise(y[: system.b.n]), hottest=settings.hottest)
             if stop():
                 raise KeyboardInterrupt
+        solver.close()
     except Exception as fault:
         _tell(system, now, fault)
         raise
@@ -160,10 +161,9 @@ def _keep(system: System, t: float, y, now: Progress, frame: bool, settings: Set
 
 def _tolerance(system: System, settings: Settings) -> Tolerance:
     """Tolerances of a phase; no step is longer than an effect's pace allows."""
-    phase, longest = system.phase, system.phase.end - system.phase.begin
+    phase = system.phase
     pace = float(system.b.laws("march.rate", 0.0, None, system.moment(phase.begin)))
-    if phase.sliding and pace > 0:
-        longest = min(longest, 1.0 / pace)
+    longest = 1.0 / pace if phase.sliding and pace > 0 else 0.0  # 0: as long as the phase
     return Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, longest)
 
 
@@ -201,9 +201,8 @@ def _explain(system: System, t: float, y: np.ndarray, fault: SolverFailure) -> s
     x, y_at, z = mesh.place(cell)
     where = f"x = {x * 1e3:.3g} mm, " + (f"y = {y_at * 1e3:.3g} mm, " if mesh.n_across > 1 else "")
     T = b.rise(h) + b.scene.ambient
-    moment = system.moment(t)  # evenly pressed: what failed may be the pressure itself
-    even = system.interface.state(moment, np.full(len(mesh.column_x), moment.pressure))
-    sizes = b.laws.contributors(T[b.cell_block], system.interface.at(even, moment))
+    moment = system.evenly_pressed(system.moment(t))  # what failed may be the pressure itself
+    sizes = b.laws.contributors(T[b.cell_block], moment)
     broken = [name for name, size in sizes.items() if not np.isfinite(size)]
     largest = f"largest effect: {max(sizes, key=sizes.__getitem__) if sizes else 'none'}"
     return (

@@ -140,12 +140,16 @@ def _cells(system: System, moment, contact: Contact, T, came, precision: type) -
     cells = np.add(T, C0, out=np.empty(len(T), precision), casting="same_kind")  # no second whole field beside it
     road, weights = mesh.planes(T)[mesh.road], system.interface.loss_at_depth(contact.state, moment)
     road -= came[0].reshape(mesh.n_road, -1)
+    colder = system.b.share * min(road.min(), 0.0)  # the coldest mean of the road across y, below what came in
     fallen = weights @ road
     lane, fall = (lanes.everywhere(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
     fallen *= fall
     road -= fallen
     road *= lane
-    road += C0 + lanes.entered(system.b, weights, came)
+    fresh = lanes.entered(system.b, weights, came)
+    road += C0 + fresh
+    coldest = min(T[system.b.cell_block].min(), fresh.min() + colder)  # the bound of `lanes.rises`
+    np.maximum(road, C0 + coldest, out=road)
     mesh.planes(cells)[mesh.road] = road
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from flashtemp.solver.interface import Contact, Interface
 from flashtemp.solver.kernels_contact import alike
 from flashtemp.solver.linearised import Booked, Linearised, Moved, contact_slopes, leaving_slopes
 from flashtemp.solver.recent import Latest
+
+RESOLVED_K = 1e-3  # the integrator's default absolute tolerance: smaller undershoots are not told from its errors
 
 
 class Incoming(NamedTuple):
@@ -145,6 +148,30 @@ class System:
         """The moment as laws of heat see it: where there are only films it is not told the contact, which they miss."""
         return now if contact is None or not self.b.boundary.local else self.interface.at(contact.state, now)
 
+    def evenly_pressed(self, now) -> Moment:
+        """The moment as laws of the contact see it where the mean pressure acts everywhere, whatever the state is."""
+        even = np.full(len(self.b.scene.mesh.column_x), now.pressure)
+        seen: Moment = self.interface.at(self.interface.state(now, even), now)
+        return seen
+
+    def coldest(self, t: float) -> float:
+        """Rise (K) of the coldest thing around at time t (s); -inf where a law of heat cools below all of them."""
+        b, now = self.b, self.moment(t)
+        around = [0.0, now.ambient - b.scene.ambient, float(np.min(self.entering(now)))]
+        for entries in b.laws.films.values():
+            around += [float(part.far(now, p)) - b.scene.ambient for part, p, _ in entries if part.far is not None]
+        low = min(around)
+        return -np.inf if b.boundary.cools(self.evenly_pressed, now, low) else low
+
+    @cached_property
+    def floor(self) -> float:
+        """Enthalpy rise (K) that advection takes no face of the road below; -inf where a law of heat cools."""
+        phase, b = self.phase, self.b
+        times = np.linspace(phase.begin, phase.end, 9)
+        air = min(self.moment(t).ambient for t in times) - b.scene.ambient
+        low = min(self.coldest(phase.begin), air)
+        return float(self.entering_enthalpy(np.full(len(b.no_inflow), low - RESOLVED_K))[0])
+
     def entering_enthalpy(self, T_in: np.ndarray) -> np.ndarray:
         """Enthalpy rise (n_road n_across,) of road that enters with a rise T_in."""
         gradient = self.b.capacity_gradient
@@ -191,6 +218,8 @@ class System:
                 out[b.worn] = self.interface.abrasion_rate(contact.state, contact.flux, now) / b.worn_unit
         b.boundary.exchange(self.near(contact, now), self.films(now), T, kf, q, led)
         self.solid.flows(T, h, T_enter, h_in, self.solid.conductances(kf), carry, q)
+        if (bounded := self.solid.bound(h, h_in, carry, self.floor)) is not None:
+            bounded.add_rate(q)
         led["lane_out"] = self._leaving(T, h, T_enter, h_in, carry)
         for name, i in b.entry.items():
             out[i] = led[name]
@@ -240,7 +269,10 @@ class System:
         if contact is not None and contact.slopes is not None and (b.abrades or b.expansion):
             coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, self.road(now), kf, gamma)
         state = None if contact is None else contact.state
-        solid = self.solid.linearised(gamma, kf, carry, stretch, slopes, joined)
+        T_in = self.entering(now)
+        h_in = self.entering_enthalpy(T_in + self.back(now) if self.phase.turned > -np.inf else T_in)
+        bounded = self.solid.bound(y[: b.n], h_in, carry, self.floor)
+        solid = self.solid.linearised(gamma, kf, carry, stretch, slopes, joined, bounded)
         return Linearised(b, gamma, stretch, Booked.of(b, joined), state, books, solid, coupling)
 
     def _at_walls(self, contact: Contact | None, now: Moment, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from flashtemp.errors import SolverFailure
+from flashtemp.physics.just_in_time import njit
 from flashtemp.solver import kernels_contact
 
 

@@ -91,7 +91,7 @@ def energy(bench: Bench, trial: Trial, shape: str) -> Finding:
 
 # --- linear algebra ----------------------------------------------------------------------------------
 
-CLEAR_K = 4.0  # for differences: so that no face of the road is extrapolated below everything around, where the scheme has a kink
+CLEAR_K = 4.0  # for differences: the scheme has a kink where a face of the road is bounded
 
 
 def smooth(mesh, rng) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
+from scipy.special import erfcx
 
 from flashtemp.physics import closed_forms
 from flashtemp.physics.effects import lanes
@@ -233,6 +234,19 @@ def test_V10_V11_functions_of_the_kernels():
             RUBBER, 1e4, 3e-3, 0.1
         )
         assert heat_kernels.felt(sqrt(DR * 0.03) / depth) == pytest.approx(share, rel=1e-8)
+
+
+@pytest.mark.parametrize("kappa", [1e-3, 0.3, 3.0, 100.0, 1e4])
+@pytest.mark.parametrize("r", [1e-6, 1e-3, 0.1, 0.99])
+def test_V10_V11_flash_of_heat_in_depth_builds_up_with_the_slid_distance(kappa, r):
+    """Both integrals of eq. (13) end where the spot has slid r of its diameter; here by adaptive quadrature."""
+    nodes = [min(1.0 / kappa, 0.5 * sqrt(r))]
+    deep = quad(
+        lambda s: 2 * s * closed_forms.spot_overlap(s * s) * erfcx(kappa * s), 0, sqrt(r), epsabs=0, epsrel=1e-11,
+        limit=200, points=nodes,
+    )[0]  # fmt: skip
+    flux = closed_forms.OVERLAP * closed_forms.flash_build_up(np.array([r]))[0]
+    assert heat_kernels.felt(kappa, r) == pytest.approx(kappa * sqrt(pi) * deep / flux, rel=1e-7)
 
 
 def test_V11_spot_flash():

@@ -34,7 +34,7 @@ PHYSICAL = (  # failures that tell of the physics, not of the program
     "no spot is under the block",
     "heat capacity fell to zero",
 )
-COLD = 0.05, 0.001  # K, of heat in depth in the first milliseconds (docs/theory.md, 3), and of the largest rise
+COLD = 0.02, 0.001  # K, and of the largest rise
 FIXED = {"output", "limits", "numerics"}
 TRIES = 480
 

@@ -32,6 +32,7 @@ COMPUTED_K = 1e-3  # less noise than any camera has: frames were computed, not m
 USUAL_PSF_PX = 0.7  # width of a point spread that a recording does not state
 PIXEL_SD = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
 ALL, WITHIN = 0.98, 3.0  # fraction of pixels that a common step explains within so many standard deviations
+MOST = 10_000_000  # values of those frames, evenly taken, in which pixels and lines are judged
 BATCH = 64  # frames at a time
 FAR = 2  # neighbours on each side
 LEAST = 100  # pixels of which a scale is taken
@@ -109,18 +110,20 @@ def screen_recording(recording: Recording) -> Screening:
     clean = Screening(none, none, none, (), (), np.zeros(n, bool), ())
     if recording.places is not None or T[0].size < 3:
         return clean
-    sigma = temporal_noise(T)
+    every = -(-T.size // MOST)
+    sigma = temporal_noise(T[::every])
     if not sigma > COMPUTED_K:
         return clean
     frozen = _frozen_frames(T)
-    live = T[~frozen] if frozen.any() else T
+    live = T[np.flatnonzero(~frozen)[::every]] if frozen.any() or every > 1 else T
     sharp = _sharpness(recording.psf_sigma_px)
     stuck = _stuck_pixels(live, sigma)
     good = np.where(stuck, np.nan, live) if stuck.any() else live
     off_level, flickering = _isolated(good, sigma, sharp)
     alone = np.where(off_level | flickering, np.nan, good)
     rows, columns = (_bad_lines(alone, stuck, axis, sigma, sharp) for axis in (1, 2))
-    events = np.flatnonzero(~frozen)[shutter_events(good, recording.chosen(~frozen), sigma)]
+    shown = recording.chosen(~frozen) if frozen.any() else recording
+    events = np.flatnonzero(~frozen)[shutter_events(shown.temperature, shown, sigma)]
     return Screening(stuck, off_level, flickering, rows, columns, frozen, tuple(map(int, events)))
 
 
@@ -376,7 +379,8 @@ def shutter_events(T: Array, recording: Recording, sigma: float, alike: float = 
     if len(T) < 4:
         return np.zeros(0, np.int64)
     noise = np.sqrt(2.0) * sigma
-    found = [_common_step(step[np.isfinite(step)], WITHIN * noise) for step in np.diff(T, axis=0)]
+    steps = (after - before for before, after in zip(T[:-1], T[1:], strict=True))
+    found = [_common_step(step[np.isfinite(step)], WITHIN * noise) for step in steps]
     common, fraction, pixels = np.array(found).T
     drift = CAMERA_CLASSES[recording.camera].drift_K_per_sqrt_s
     error = np.hypot(drift * np.sqrt(np.diff(recording.time)), 1.5 * noise / np.sqrt(np.maximum(pixels, 1.0)))

@@ -107,6 +107,8 @@ class Recording(Shown):
             return "time: frames must be in order of time, in s from the first start of sliding"
         if self.repetition.shape != (self.frames,) or np.any(self.repetition < 1):
             return "repetition: one number for every frame, counted from 1"
+        if np.any(np.diff(self.repetition) < 0):
+            return "repetition: falls from one frame to a later one; count on from the first start of sliding"
         return None
 
     def _value_fault(self) -> str | None:
@@ -270,6 +272,10 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     wanted = ("frame", "point" if points else "u") if flat else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
         raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
+    frames = {"time": "frame", "repetition": "frame", "u": "u", "v": "v"} | dict.fromkeys(KEYS, "point")
+    for name in frames.keys() & set(ds.variables):
+        if (points or name not in KEYS) and (not flat or name != "v") and ds[name].dims != (frames[name],):
+            raise BadInput(f"{path}: {name}{tuple(ds[name].dims)}; give {name}({frames[name]})")
     if not flat and "v" not in ds.variables:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
     given = {}
@@ -280,6 +286,7 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
             raise BadInput(f"{path}: {name}: {short(repr(ds.attrs[name]))}; give a number")
     try:
         values = _numbers(ds, "temperature", T.transpose(*wanted))
+        values = values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
         return Recording(
             view,
             values[:, None, :] if flat else values,

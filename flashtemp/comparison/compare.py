@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -15,6 +15,7 @@ from flashtemp.camera.observation import ABOVE, WAKE, Seen, observe
 from flashtemp.camera.registration import align
 from flashtemp.comparison.campaign import Campaign, Condition, Force, View
 from flashtemp.comparison.noise import Noise, Place, lag_one, noise, structured, whiten
+from flashtemp.comparison.screening import screen_campaign
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
@@ -121,12 +122,16 @@ class Pulling:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
-    """A campaign against the case that is believed: every recording and every load-cell trace."""
+    """A campaign against the case that is believed: every recording and every load-cell trace.
+
+    `screening` {file: which defects of its camera were found and left out}.
+    """
 
     campaign: Campaign
     seeings: tuple[Seeing, ...]
     pullings: tuple[Pulling, ...]
     runs: tuple[Run, ...]
+    screening: dict[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict:
         """The content of compare.json."""
@@ -136,7 +141,12 @@ class Comparison(Shown):
             "recordings": [s.as_dict() for s in self.seeings],
             "forces": [p.as_dict() for p in self.pullings],
             "energy_imbalance": max(run.energy_imbalance for run in self.runs),
-        }
+        } | ({"warnings": list(self.warnings)} if self.screening else {})
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One line for each recording whose camera has defects."""
+        return tuple(f"{file}: {found}" for file, found in self.screening.items())
 
     def sheet(self) -> Sheet:
         head = ("file", "rms", "mean", "unit", "chi2/dof", "white")
@@ -145,7 +155,7 @@ class Comparison(Shown):
         ]
         rows += [(p.force.file, p.rmse, p.bias, "mu", p.chi2_per_dof, None) for p in self.pullings]
         told = [f"{s.view.file}: {words(s)}" for s in self.seeings if not s.white]
-        return Sheet(f"Comparison '{self.campaign.title}'", rows, head, told)
+        return Sheet(f"Comparison '{self.campaign.title}'", rows, head, [*told, *self.warnings])
 
     def __str__(self) -> str:
         lines = [f"Comparison '{self.campaign.title}'"]
@@ -154,6 +164,7 @@ class Comparison(Shown):
         for p in self.pullings:
             lines += [f"  {p.force.file}: mu differs by {p.rmse:.4f} rms, {p.bias:+.4f} on average,"
                       f" chi2/dof {p.chi2_per_dof:.3g}"]  # fmt: skip
+        lines += [f"  note: {warning}" for warning in self.warnings]
         return "\n".join(lines)
 
 
@@ -183,6 +194,7 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
 
     Raises BadInput, SolverFailure.
     """
+    campaign, screening = screen_campaign(campaign)
     seeings, pullings, runs = {}, {}, []
     for number, condition in enumerate(campaign.conditions, 1):
         watch(f"condition {number} of {len(campaign.conditions)}: {condition.words}")
@@ -197,6 +209,7 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
         tuple(seeings[id(v)] for v in campaign.views),
         tuple(pullings[id(f)] for f in campaign.forces),
         tuple(runs),
+        screening,
     )
 
 

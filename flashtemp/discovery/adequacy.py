@@ -12,7 +12,7 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
-from flashtemp.discovery.nuisances import GROUPS, MODE, unnamed_heat
+from flashtemp.discovery.nuisances import GROUPS, MODE, is_camera_gain, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.unknown_law import NAME
@@ -60,10 +60,11 @@ def left_over(fit: Fit, every: Fit) -> float:
 
 def pulls(fit: Fit) -> dict[ParameterId, float]:
     """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
-    out = {}
+    out, gains = {}, any(map(is_camera_gain, fit.priors))
     for p in fit.solution.names:
         mean, sd = fit.priors[p]
-        known = sd if p.kind is Kind.SPREAD else GROUPS.get(p.kind, sd)  # not all optics are known alike
+        apart = p.kind is Kind.SPREAD or (gains and p.kind is Kind.MAP)  # not all cameras are known alike
+        known = sd if apart else GROUPS.get(p.kind, sd)
         out[p] = (fit.solution[p] - mean) / known
     return out
 

@@ -13,8 +13,8 @@ from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.laboratory import calibrated, found
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, change, residual
-from flashtemp.discovery.nuisances import plain
-from flashtemp.discovery.parameters import BEADS, OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
+from flashtemp.discovery.nuisances import is_camera_gain, plain
+from flashtemp.discovery.parameters import BEADS, OF_THE_CAMERA, OF_THE_LABORATORY, SHIFTS, Kind, ParameterId
 from flashtemp.discovery.scores import Score, Separability, separability
 from flashtemp.discovery.search import MOST
 from flashtemp.discovery.searched import APART, NAMED, WEAK, Search
@@ -306,7 +306,7 @@ def pulls(search: Search, fit: Fit) -> tuple[Pull, ...]:
         elif p.kind in BEADS:
             unit = "m" if p.kind is Kind.PLACE else "s"
             other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], unit))
-        elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR):
+        elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR, *OF_THE_CAMERA) and not is_camera_gain(p):
             other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from flashtemp.comparison.campaign import Campaign, View
+from flashtemp.comparison.noise import RAISED
 from flashtemp.discovery import adequacy, assessment, experiment_design, mesh_errors, missing_heat, wording
 from flashtemp.discovery.assessment import HELD, Assessed
+from flashtemp.discovery.camera_sizes import camera_sizes
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.fit import ENOUGH, Fit
 from flashtemp.discovery.hypothesis import Model
@@ -283,12 +285,15 @@ def _moved(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, flo
 
 def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     out = [f"{file}: left out, it {why}" for file, why in search.refused.items()]
+    out += [f"{file}: {found}" for file, found in search.problem.screening.items()]
     out += [wording.taken(file, names) for file, names in search.problem.untold.items()]
     for file, noise in search.data.noises.items():
         if "white" in noise.estimated:
             out.append(
                 f"{file}: the noise of a pixel was not stated; {noise.white:.3g} K was estimated from its frames"
             )
+        if RAISED in noise.estimated:
+            out.append(f"{file}: its frames show {noise.white:.3g} K of noise of a pixel, more than was stated")
     for view in search.problem.campaign.views:
         dead = np.isnan(view.recording.temperature).all(axis=0).mean()
         gaps = np.isnan(view.recording.temperature).all(axis=(1, 2)).sum()
@@ -297,6 +302,7 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
         if gaps:
             out.append(f"{view.file}: {gaps} frames hold no values")
         out += _strange(final, view)
+    out += camera_sizes(search.data, final)
     if len(search.problem.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
     return (*out, *mesh_errors.across(search.data, search.base), *mesh_errors.ends(search))

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
 from flashtemp.discovery.parameters import ParameterId, Priors
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
+Indices = npt.NDArray[np.int64]
 ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
 
 
@@ -235,12 +236,21 @@ class System:
         covariance[np.ix_(own, own)] = inverse + covariance[np.ix_(own, others)] @ follow.T
         return replace(solution, d=d, covariance=covariance)
 
-    def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:
-        """Which of several `widths` (known,), standard deviations instead of priors', has the largest evidence."""
+    def evidence(self, priors: Priors, equations: NormalEquations | None = None) -> Evidence:
+        """The ln evidence as a function of the standard deviations of the columns that `priors` name."""
         total, names = equations or self.total(), self.known(priors)
         right, matrix = self._of(names, total)
-        mean = _parts(priors, names)[0]
-        return int(np.argmax([_whole(right, matrix, total.square, mean, sd).ln_evidence for sd in widths]))
+        files = [n.file for n in names]
+        groups = [
+            np.array([i for i, f in enumerate(files) if f == file]) for file in dict.fromkeys(filter(None, files))
+        ]
+        shared = np.array([i for i, f in enumerate(files) if not f], dtype=int)
+        return Evidence(right, matrix, total.square, _parts(priors, names)[0], shared, tuple(groups))
+
+    def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:
+        """Which of several `widths` (known,), standard deviations instead of priors', has the largest evidence."""
+        evidence = self.evidence(priors, equations)
+        return int(np.argmax([evidence(sd) for sd in widths]))
 
     def known(self, priors: Priors) -> tuple[ParameterId, ...]:
         """Columns of those named that a block knows."""
@@ -285,6 +295,59 @@ class System:
 def _numbered(blocks: Iterable[Block]) -> dict[ParameterId, int]:
     """All columns that blocks know, in the order in which they name them."""
     return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """ln evidence of data for columns of many widths: those of one recording alone (`groups`, indices) are eliminated
+    recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement)."""
+
+    right: Array
+    matrix: Array
+    square: float
+    mean: Array
+    shared: Indices
+    groups: tuple[Indices, ...]
+    _eliminated: dict[tuple[int, bytes], tuple[Array, float]] = field(default_factory=dict)
+
+    def __call__(self, sd: Array) -> float:
+        """ln evidence with standard deviations `sd` (columns,); a column of none is left out."""
+        s = self.shared[sd[self.shared] > 0.0]
+        wide = np.append(sd[s], 1.0)
+        left = np.zeros((len(s) + 1, len(s) + 1))
+        left[:-1, :-1] = self.matrix[np.ix_(s, s)]
+        left[:-1, -1] = left[-1, :-1] = self.right[s]
+        ln_det, squares = 0.0, self.square
+        for k, group in enumerate(self.groups):
+            change, more = self._without(k, group, s, sd)
+            left, ln_det = left - change, ln_det + more
+        left *= wide[:, None] * wide
+        own = np.flatnonzero(sd > 0.0)
+        squares += float(np.sum((self.mean[own] / sd[own]) ** 2)) + float(left[-1, -1])
+        A = left[:-1, :-1]
+        A[np.diag_indices_from(A)] += 1.0
+        lower = cho_factor(A, lower=True, overwrite_a=True, check_finite=False)[0]
+        rhs = left[:-1, -1] + self.mean[s] / sd[s]
+        u = cho_solve((lower, True), rhs, check_finite=False)
+        return -0.5 * (squares - float(rhs @ u) + ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
+
+    def _without(
+        self, k: int, group: npt.NDArray[np.int64], s: npt.NDArray[np.int64], sd: Array
+    ) -> tuple[Array, float]:
+        """What eliminating the columns of one recording takes from shared products and right-hand side, the last row
+        and column, and the ln determinant that it leaves."""
+        key = k, sd[group].tobytes() + s.tobytes()
+        if key not in self._eliminated:
+            own = group[sd[group] > 0.0]
+            wide = sd[own]
+            A = wide[:, None] * self.matrix[np.ix_(own, own)] * wide
+            A[np.diag_indices_from(A)] += 1.0
+            cross = np.column_stack([wide[:, None] * self.matrix[np.ix_(own, s)], wide * self.right[own]])
+            cross[:, -1] += self.mean[own] / wide
+            lower = np.linalg.cholesky(A)
+            half = solve_triangular(lower, cross, lower=True, check_finite=False)
+            self._eliminated[key] = half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower))))
+        return self._eliminated[key]
 
 
 class _Whole(NamedTuple):

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.camera.placement import Place
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
+from flashtemp.discovery.camera_errors import NONE
 from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import (
-    BEADS,
     OF_A_POINT,
+    OF_THE_CAMERA,
     OF_THE_LABORATORY,
     PLACED,
     SHIFTS,
@@ -64,6 +66,7 @@ PLAIN = frozenset(  # what everybody would calibrate
         Kind.MESH,
         Kind.SIZE,
         *OF_A_POINT,
+        *OF_THE_CAMERA,
     }
 )
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
@@ -86,10 +89,10 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         elif p.kind in SHIFTS:
             sd = astray(recordings[p.file], model.place(p.file), p.axis)
             out[p] = (-model.shift(p.file)[p.axis], sd)
-        elif p.kind in BEADS:
+        elif p.kind in OF_A_POINT:
             out[p] = (-model.beads.get(p, 0.0), points[p])
-        elif p.kind is Kind.SENSOR:
-            out[p] = (0.0, points[p])
+        elif p.kind in OF_THE_CAMERA or is_camera_gain(p):
+            out[p] = (0.0, _usual(recordings[p.file], p))
         elif p.kind in OF_THE_LABORATORY:
             if p.file or p.kind is Kind.SIZE or p in problem.loose:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
@@ -101,6 +104,11 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
             out[p] = (0.0, STIFF * out[p][1])
     return out
+
+
+def _usual(recording: Recording, p: ParameterId) -> float:
+    """Usual size of an error of a real camera; most columns are as large as it is already."""
+    return CAMERA_CLASSES[recording.camera].gain_map if is_camera_gain(p) else 1.0
 
 
 def astray(recording: Recording, place: Place, axis: int) -> float:
@@ -122,20 +130,34 @@ def growth(scale: float) -> dict[Kind, float]:
     return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
 
 
-def rescaled(priors: Priors, scale: float, floor: float) -> Priors:
-    """The same at a `scale` of what is small and unknown in shape, and a `floor` of the model's own relative error."""
-    times, out = growth(scale), dict(priors)
+def is_camera_gain(p: ParameterId) -> bool:
+    """Whether it belongs to a gain map that only real cameras have, not to the slight one of every camera."""
+    return p.kind is Kind.MAP and len(p.index) > 2
+
+
+def factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
+    """Times as wide as said, by kind and whether only real cameras have it (`is_camera_gain`): priors of what is small
+    and unknown in shape, at a `scale`, and of camera errors by family; 0 of errors that a camera does not have."""
+    out = {(kind, False): times for kind, times in (dict(families) | growth(scale)).items()}
+    return out | {(Kind.MAP, True): families[Kind.MAP]}
+
+
+def rescaled(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NONE) -> Priors:
+    """The same at a `scale` of what is small and unknown in shape, a `floor` of the model's own relative error, and
+    sizes of the `families` of camera errors; those that are none are left out."""
+    out, times = {}, factors(scale, families)
     for p, (mean, sd) in priors.items():
-        if p.kind in times:
-            out[p] = (mean, sd * times[p.kind])
-        elif p.kind is Kind.FLOOR:
-            out[p] = (mean, floor)
+        wide = floor if p.kind is Kind.FLOOR else sd * times.get((p.kind, is_camera_gain(p)), 1.0)
+        if wide > 0.0:
+            out[p] = (mean, wide)
     return out
 
 
 def plain(priors: Priors) -> Priors:
-    """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition."""
-    return {p: v for p, v in priors.items() if p.kind in PLAIN}
+    """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition; gain maps are
+    calibrated where a camera clearly has one."""
+    kinds = PLAIN | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
+    return {p: v for p, v in priors.items() if p.kind in kinds}
 
 
 def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
@@ -144,13 +166,13 @@ def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
 
 
 def smooth_images(view: View, seen: Observable) -> dict[ParameterId, Single]:
-    """Smooth maps that a camera may see and no run explains: gain along a view, and the wall's own cooling."""
+    """Smooth maps that no run explains: a slight gain along a view, and the wall's own cooling."""
     r = view.recording
     if r.places is not None:  # points are no image
         return {}
     rise = seen.values - (r.reflected_degC or float(np.nanmin(seen.values)))
-    x, y = _unit(r.u), _unit(r.v)
     out = {}
+    x, y = _unit(r.u), _unit(r.v)
     for m, n in MAPS:
         if n and len(r.v) == 1:
             continue

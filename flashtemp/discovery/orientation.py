@@ -18,7 +18,7 @@ from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.prediction import Observable, Prediction
-from flashtemp.discovery.problem import CLEARLY, Problem, misfit
+from flashtemp.discovery.problem import CLEARLY, Problem, misfit, with_views
 from flashtemp.discovery.scales import solved
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
@@ -108,19 +108,6 @@ def _both_ways(problem: Problem, data: Data, suspects: Sequence[tuple[Alone, Vie
     return found
 
 
-def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
-    """The problem with other images of some recordings."""
-    by_file = {v.file: v for v in turned}
-
-    def right(views: Sequence[View]) -> tuple[View, ...]:
-        return tuple(by_file.get(v.file, v) for v in views)
-
-    conditions = tuple(replace(c, views=right(c.views)) for c in problem.conditions)
-    return replace(
-        problem, conditions=conditions, campaign=replace(problem.campaign, views=right(problem.campaign.views))
-    )
-
-
 @dataclass(frozen=True)
 class Alone:
     """One recording by itself against a model with all its freedom: what is left, chi2 per value less one."""
@@ -166,7 +153,7 @@ def begun(problem: Problem, data: Data, predictions: Sequence[Prediction]) -> li
 
 def judged(problem: Problem, block: Block, model: Model) -> Alone:
     """One block by itself, one held out too: how a camera stood is no claim about heat."""
-    solution = solved(problem, System([replace(block, held_out=False)]), model, {}).solution
+    solution = solved(problem, System([replace(block, held_out=False)]), model, {}, cameras=False).solution
     return Alone(block, solution.ln_evidence, solution.chi2 / max(block.count, 1) - 1.0)
 
 

@@ -27,6 +27,9 @@ class Kind(StrEnum):
     SENSOR = "sensor"  # gain of a point of a recording: of the rise that it shows, relative
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
+    OFFSET = "offset"  # of a recording's image, in time
+    STATIC = "static"  # smooth map of offsets of a recording that stays
+    OPTICS = "optics"  # smear and stray light of a recording
     WALL = "wall"  # cooling of the wall against the section behind it
     FLOOR = "floor"  # smooth relative error of the model itself in a recording
     CELL = "cell"  # gain of the load cell, relative
@@ -41,7 +44,8 @@ PLACED = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
 OF_THE_LABORATORY = (*PLACED, Kind.SIZE)
 BEADS = (Kind.PLACE, Kind.LAG)
 OF_A_POINT = (*BEADS, Kind.SENSOR)
-OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR})
+OF_THE_CAMERA = (Kind.OFFSET, Kind.STATIC, Kind.OPTICS)
+OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR, *OF_THE_CAMERA})
 OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from flashtemp.camera.placement import Place
 from flashtemp.comparison.campaign import Campaign, Condition, View
 from flashtemp.comparison.compare import window
+from flashtemp.comparison.screening import screen_campaign
 from flashtemp.discovery.condensing import condensed
 from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
 from flashtemp.discovery.parameters import ParameterId
@@ -42,7 +43,7 @@ class Problem:
     `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
     `stiff`: images, clocks and the block may hardly be elsewhere than where they are.  Images that were seen to lie far
     from where they are told to begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not
-    say}.
+    say}.  `screening` {recording: which defects of its camera were found}.
     """
 
     campaign: Campaign
@@ -57,6 +58,7 @@ class Problem:
     places: dict[str, Place] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    screening: dict[str, str] = field(default_factory=dict)
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
         """One task per condition; `coarse` (3,) or (4,) multiplies the number of cells along, up, down and across."""
@@ -109,6 +111,7 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
         raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
     untold = {v.file: missing for v in campaign.views if (missing := _untold(v))}
+    campaign, screening = screen_campaign(campaign)
     campaign = condensed(replace(campaign, views=tuple(map(_told, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
@@ -121,7 +124,9 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
-    return Problem(campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold=untold)
+    return Problem(
+        campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold=untold, screening=screening
+    )
 
 
 def _untold(view: View) -> tuple[str, ...]:
@@ -226,6 +231,19 @@ def misfit(measured: npt.NDArray[Any], predicted: npt.NDArray[Any], inside: npt.
     own, rise = measured[known], predicted[known]
     factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / LIKELY, LIKELY)
     return float(np.sqrt(np.mean((own - factor * rise) ** 2)))
+
+
+def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
+    """The problem with other images of some recordings."""
+    by_file = {v.file: v for v in turned}
+
+    def right(views: Sequence[View]) -> tuple[View, ...]:
+        return tuple(by_file.get(v.file, v) for v in views)
+
+    conditions = tuple(replace(c, views=right(c.views)) for c in problem.conditions)
+    return replace(
+        problem, conditions=conditions, campaign=replace(problem.campaign, views=right(problem.campaign.views))
+    )
 
 
 def without(

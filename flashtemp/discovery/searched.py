@@ -9,16 +9,17 @@ import numpy as np
 
 from flashtemp.discovery import adequacy
 from flashtemp.discovery.calibration import Descent
+from flashtemp.discovery.first_residuals import reject_outliers
 from flashtemp.discovery.fit import Fit
 from flashtemp.discovery.held_keys import HeldKey
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.laboratory import LabError
 from flashtemp.discovery.lining_up import lined_up
 from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.orientation import ODD, Turned, in_doubt, turned_round, with_views
+from flashtemp.discovery.orientation import ODD, Turned, in_doubt, turned_round
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction
-from flashtemp.discovery.problem import Problem, strangers, without
+from flashtemp.discovery.problem import Problem, strangers, with_views, without
 from flashtemp.discovery.rounds import FAR, Watch, advance, descend
 from flashtemp.discovery.scores import Score
 from flashtemp.discovery.starts import chi2, misfits, worst
@@ -130,6 +131,7 @@ def calibrate(problem: Problem, watch: Watch = lambda text: None) -> Calibrated:
         problem, (first,) = without(problem, [first], refused)
         if not problem.campaign.views:  # load cells alone would find nothing wrong
             raise BadInput(*(f"{file}: {why}" for file, why in refused.items()))
+    problem = reject_outliers(problem, first)
     mirrored = turned_round(problem, Data.begin(problem, first), first)
     doubt = not mirrored and in_doubt(problem, first)
     if mirrored:

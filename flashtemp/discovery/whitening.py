@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import levels, scatter
-from flashtemp.comparison.noise import Noise, noise, unwhiten, whiten
+from flashtemp.comparison.noise import Noise, beyond_stated, noise, unwhiten, whiten
+from flashtemp.discovery.camera_errors import camera_columns
+from flashtemp.discovery.first_residuals import calibrated_residual
 from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.linear_gaussian import Array, Block, products
 from flashtemp.discovery.nuisances import GROUPS, smooth_images
@@ -41,7 +43,7 @@ class Data:
     """What is kept from the first predictions, so that all hypotheses are compared alike.
 
     `noises` of recordings and `sigmas` of load-cell traces by file; `known` what of them is compared, `fixed` columns
-    that stay as they are, whitened.
+    that stay as they are, whitened.  Pixels `inside` (nv, nu) of images with noise of rows and columns.
     """
 
     problem: Problem
@@ -49,6 +51,7 @@ class Data:
     sigmas: dict[str, float]
     known: dict[str, npt.NDArray[np.bool_]]
     fixed: dict[str, Fixed]
+    inside: dict[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
 
     @classmethod
     def begin(
@@ -66,11 +69,15 @@ class Data:
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED}
                 own |= _mesh(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, View):
+                    rest = calibrated_residual(entry, seen)
                     own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
+                    own |= camera_columns(entry.recording, seen, rest)
                     known = np.isfinite(_left(entry, seen)[:, seen.inside])
                     data.known[entry.file] = known & ~_starting(entry, fine.run)[:, None]
                     if entry.file not in data.noises:
-                        data.noises[entry.file] = _noise(entry, seen)
+                        data.noises[entry.file] = _noise(entry, seen, rest)
+                    if not data.noises[entry.file].lines.is_none:
+                        data.inside[entry.file] = seen.inside
                 else:
                     own[ParameterId(Kind.CELL)] = seen.values
                     good = data.known[entry.file] = seen.inside & np.isfinite(seen.values)
@@ -112,7 +119,19 @@ class Data:
             return out
         spread = np.full(known.shape, np.nan)
         spread[known] = whitened
-        out[known] = unwhiten(spread[:, None], self.noises[file])[:, 0][known]
+        out[known] = unwhiten(self._image(file, spread), self.noises[file])[:, self._inside(file)][known]
+        return out
+
+    def _inside(self, file: str) -> npt.NDArray[np.bool_]:
+        """Pixels (nv, nu) of an image whose values are kept; all in one row where it does not matter where they lie."""
+        inside = self.inside.get(file)
+        return np.ones((1, self.known[file].shape[1]), bool) if inside is None else inside
+
+    def _image(self, file: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Values (frames, pixels inside) as images (frames, nv, nu), NaN outside."""
+        inside = self._inside(file)
+        out = np.full((len(values), *inside.shape), np.nan)
+        out[:, inside] = values
         return out
 
     def _names(
@@ -142,7 +161,8 @@ class Data:
         known = self.known[entry.file]
         if isinstance(entry, Force):
             return np.asarray(values, float)[known] / self.sigmas[entry.file]
-        return whiten(np.where(known, values, np.nan)[:, None], self.noises[entry.file])[:, 0][known]
+        images = self._image(entry.file, np.where(known, values, np.nan))
+        return whiten(images, self.noises[entry.file])[:, self._inside(entry.file)][known]
 
     def _stack(self, entry: View | Force, columns: Mapping[ParameterId, npt.NDArray[Any]]) -> Single:
         """The columns (n, k) whitened, one after the other: two at once would be much memory."""
@@ -161,9 +181,10 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
     return out
 
 
-def _noise(view: View, seen: Observable) -> Noise:
-    """The noise of a recording, stated or estimated."""
-    return noise(_left(view, seen), *levels(view), view.means.frames if view.means else None)
+def _noise(view: View, seen: Observable, rest: Array) -> Noise:
+    """The noise of a recording, stated or estimated; of lines from the `rest` (frames, nv, nu) K of a first fit."""
+    found = noise(_left(view, seen), *levels(view), view.means.frames if view.means else None, rest)
+    return beyond_stated(found, view.recording, rest)
 
 
 def _starting(view: View, run: Run) -> npt.NDArray[np.bool_]:

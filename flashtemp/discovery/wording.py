@@ -20,7 +20,8 @@ MOST = 3  # of each kind in the text
 SHOWS = 5.0  # standard deviations of a typical strength, below which a cause would hardly be named
 CALLED = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
-    Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.WALL: "cooler wall of",
+    Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.OFFSET: "offset of",
+    Kind.STATIC: "static offset map of", Kind.OPTICS: "smear and stray light of", Kind.WALL: "cooler wall of",
     Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
     Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
     Kind.PLACE: "place of a point of", Kind.LAG: "time constant of a point of", Kind.SENSOR: "gain of a point of",

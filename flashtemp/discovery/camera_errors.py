@@ -1,0 +1,137 @@
+"""Errors of real cameras as linear columns of every image: offset in time, smooth maps, smear and stray light.
+
+Their coefficients are marginalised in closed form with all other nuisances.  Each column is as large as its error
+usually is for the class of the camera (`camera_classes`), so that one prior of unit width serves all.  How many times
+as large each family is, none among the values, is a hyperparameter of every hypothesis, chosen by its evidence (MacKay,
+Neural Computation 4, 1992, 415): data of an ideal camera lose nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
+from flashtemp.camera.image_screening import shutter_events, temporal_noise
+from flashtemp.camera.recording import Recording
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import Observable, Single, packed
+
+Array = npt.NDArray[np.float64]
+ORDER = 4  # total order of Legendre products: vignetting by the fourth power of the cosine has no more
+GROWING = 2  # order of maps that a warming lens makes grow with time
+MOST_MODES = 16  # of the offset between shutter events
+ALIKE = 0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+HALOS = (0.05, 0.2)  # fractions of an image over which light goes astray
+SMEAR_PX = 1.0  # along which a moving body is drawn out, where nobody states it
+FAMILIES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
+    Kind.OFFSET: (0.0, 0.3, 1.0, 3.0),
+    Kind.STATIC: (0.0, 0.3, 1.0, 3.0),
+    Kind.MAP: (0.0, 0.5, 1.0, 2.0),
+    Kind.OPTICS: (0.0, 1.0),
+}
+NONE: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 0.0)
+USUAL: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 1.0)
+
+
+def camera_columns(r: Recording, seen: Observable, left: Array) -> dict[ParameterId, Single]:
+    """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
+
+    `left` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show.
+    """
+    if r.places is not None:
+        return {}
+    sizes = CAMERA_CLASSES[r.camera]
+    ones = np.ones((1, *seen.values.shape[1:]))
+    out: dict[ParameterId, Single] = {}
+    for k, wave in enumerate(_offsets(r, left, sizes)):
+        out[ParameterId(Kind.OFFSET, (k,))] = packed(wave[:, None, None] * ones, seen.inside)
+    rise = seen.values - _reflected(r, seen.values)
+    ramp = ((r.time - r.time.mean()) / max(float(np.ptp(r.time)), 1e-12))[:, None, None]
+    for (m, n), shape in smooth_maps(r, ORDER):
+        if m + n:  # the constant one is the offset's, or the gain's
+            flat = np.broadcast_to(sizes.map_K * shape, seen.values.shape)
+            out[ParameterId(Kind.STATIC, (m, n))] = packed(flat, seen.inside)
+            if m + n <= GROWING:
+                out[ParameterId(Kind.STATIC, (m, n, 1))] = packed(ramp * flat, seen.inside)
+            out[ParameterId(Kind.MAP, (m, n, 1))] = packed(rise * shape, seen.inside)
+    for k, change in enumerate(_optical(r, seen.values, sizes)):
+        out[ParameterId(Kind.OPTICS, (k,))] = packed(change, seen.inside)
+    return out
+
+
+def _reflected(r: Recording, values: Array) -> float:
+    return r.reflected_degC if r.reflected_degC is not None else float(np.nanmin(values))
+
+
+# --- offset in time --------------------------------------------------------------------------------------
+def _offsets(r: Recording, left: Array, sizes: CameraErrors) -> Iterator[Array]:
+    """Offsets (frames,) K: between shutter events a free level and the modes of a Wiener process."""
+    events = shutter_events(left, r, temporal_noise(left), ALIKE)
+    for begin, end in zip((0, *events), (*events, r.frames), strict=True):
+        part = slice(int(begin), int(end))
+        level = np.zeros(r.frames)
+        level[part] = sizes.level_K
+        yield level
+        for mode in wiener_modes(r.time[part] - r.time[part][0], MOST_MODES):
+            wave = np.zeros(r.frames)
+            wave[part] = sizes.drift_K_per_sqrt_s * mode
+            yield wave
+
+
+def wiener_modes(time: Array, most: int) -> Array:
+    """Modes (modes, n) whose outer products add up to the covariance min(s, t) of a Wiener process at n times (s).
+
+    The Karhunen-Loeve expansion (Karhunen 1947, Loeve 1948) of the sampled process, the `most` largest modes of it.
+
+    >>> modes = wiener_modes(np.array([0.0, 1.0, 3.0]), 3)
+    >>> print((modes.T @ modes).round(6) + 0.0)
+    [[0. 0. 0.]
+     [0. 1. 1.]
+     [0. 1. 3.]]
+    """
+    variance, shape = np.linalg.eigh(np.minimum.outer(time, time))
+    order = np.argsort(-variance)[:most]
+    order = order[variance[order] > 1e-12 * max(float(variance[-1]), 1e-300)]
+    return np.asarray(np.sqrt(variance[order])[:, None] * shape[:, order].T)
+
+
+# --- maps that stay ---------------------------------------------------------------------------------------
+def smooth_maps(r: Recording, order: int) -> Iterator[tuple[tuple[int, int], Array]]:
+    """Products (nv, nu) of Legendre polynomials along and up the image up to a total `order`, of rms 2^(-1/2) each.
+
+    Powers of the distance from any point, hence vignetting and narcissus, are sums of them.
+    """
+    x, y = _legendre(r.u, order), _legendre(r.v, order)
+    for m in range(len(x)):
+        for n in range(min(len(y), order + 1 - m)):
+            yield (m, n), np.sqrt(0.5) * y[n][:, None] * x[m]
+
+
+def _legendre(centres: Array, order: int) -> Array:
+    """Legendre polynomials (orders, n) over the pixels of an axis, of unit rms; the constant alone of one pixel."""
+    if len(centres) <= order:
+        order = len(centres) - 1
+    where = 2.0 * (centres - centres[0]) / max(float(centres[-1] - centres[0]), 1e-12) - 1.0
+    waves = np.polynomial.legendre.legvander(where, order).T
+    return np.asarray(waves / np.sqrt(np.mean(waves**2, axis=1, keepdims=True)))
+
+
+# --- what moves and scatters light ------------------------------------------------------------------------
+def _optical(r: Recording, values: Array, sizes: CameraErrors) -> Iterator[Array]:
+    """Changes (frames, nv, nu) K by a smear along u, to second order of its length, and by stray light.
+
+    A pixel that follows with a time constant draws a moving body out by an exponential, T - l T' + l^2 T''; a fraction
+    of the light is spread over a wide part of the image (veiling glare, ISO 9358).
+    """
+    from scipy.ndimage import gaussian_filter
+
+    if len(r.u) > 2:
+        slope = np.gradient(values, axis=2)
+        yield SMEAR_PX * slope
+        yield SMEAR_PX**2 * np.gradient(slope, axis=2)
+    for width in HALOS:
+        wide = [width * max(values.shape[1:])] * 2
+        yield sizes.halo * (gaussian_filter(values, (0.0, *wide), mode="nearest") - values)

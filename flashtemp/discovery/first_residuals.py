@@ -1,0 +1,61 @@
+"""What the first predictions leave of images once their own traces are fitted: where defects and noise of cameras show.
+
+Used once, before anything is compared, so that the same pixels and the same noise serve every hypothesis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.image_screening import outlying_pixels
+from flashtemp.comparison.campaign import View
+from flashtemp.discovery.floor import smooth_errors
+from flashtemp.discovery.nuisances import smooth_images
+from flashtemp.discovery.prediction import Observable, Prediction
+from flashtemp.discovery.problem import Problem, with_views
+from flashtemp.showing import several
+
+Array = npt.NDArray[np.float64]
+RIDGE = 1e-6  # of the largest product of columns: those that nearly are sums of others get small coefficients
+
+
+def calibrated_residual(view: View, seen: Observable) -> Array:
+    """Measured less predicted (frames, nv, nu) K, NaN where not compared, less a least-squares fit of all traces
+    and of smooth errors of the model.
+
+    The fit has no priors: it stands for nothing but the smooth part of what a calibration will explain.
+    """
+    left: Array = np.where(seen.inside, view.recording.temperature - seen.values, np.nan)
+    known = np.isfinite(left[:, seen.inside])
+    shapes = seen.columns | smooth_images(view, seen) | smooth_errors(view, seen)
+    columns = [c[known].astype(float) for c in shapes.values()]
+    if view.recording.places is not None or not columns or known.sum() < 2 * len(columns):
+        return left
+    C = np.stack(columns, axis=1)
+    C /= np.maximum(np.sqrt(np.mean(C**2, axis=0)), 1e-12)
+    inside = left[:, seen.inside]
+    square = C.T @ C
+    square[np.diag_indices_from(square)] += RIDGE * float(square.diagonal().max())
+    inside[known] -= C @ np.linalg.solve(square, C.T @ inside[known])
+    left[:, seen.inside] = inside
+    return left
+
+
+def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
+    """The problem with those pixels of images masked whose residuals stand alone among their neighbours."""
+    views, found = [], dict(problem.screening)
+    for condition, prediction in zip(problem.conditions, first, strict=True):
+        for view in condition.views:
+            if view.recording.places is not None:
+                continue
+            bad = outlying_pixels(calibrated_residual(view, prediction.observables[view.file]))
+            if bad.any():
+                T = np.where(bad, np.nan, view.recording.temperature)
+                views.append(replace(view, recording=replace(view.recording, temperature=T)))
+                also = f"left out {several(int(bad.sum()), 'pixel')} with outlying residuals"
+                found[view.file] = "; ".join(filter(None, (found.get(view.file, ""), also)))
+    return replace(with_views(problem, views), screening=found) if views else problem

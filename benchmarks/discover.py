@@ -2,10 +2,13 @@
 
     python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
     python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
+    python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/truth, with the errors of uncooled cameras
     python benchmarks/discover.py table found.jsonl
 
-Truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two, another CVODE binding) and is
-read after the verdict is written.  Seeds below 1000 are for development, those from 1000 on are blind.
+In the first two modes truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two,
+another CVODE binding) and is read after the verdict is written.  In the mode `realistic` the independent laboratory of
+tests/truth makes it, which shares nothing with flashtemp, and its cameras have the errors of `truth.uncooled_camera`.
+Seeds below 1000 are for development, those from 1000 on are blind.
 """
 
 from __future__ import annotations
@@ -36,6 +39,25 @@ SINGLE = {  # effects that can be seen in a campaign of this size, with the para
     "emissivity": "change", "reflection": "excess", "blur": "sigma", "stick_slip": "amplitude",
     "conductivity_anisotropy": "excess", "internal_heat": "loss",
 }  # fmt: skip
+
+REALISTIC = {  # effects that the independent laboratory knows: parameter, and a size that nobody would miss
+    "pressure_tilt": ("a", 0.3), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
+    "conductivity_slope": ("block", 0.008), "interface_resistance": ("resistance", 2e-5),
+    "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0), "ambient_drift": ("rate", 0.01),
+}  # fmt: skip
+FOREIGN = {"waves": 0.2, "polishing": 0.2}  # laws that no effect of the catalogue describes
+STRENGTH = SINGLE | {name: parameter for name, (parameter, _) in REALISTIC.items()}
+COUNTED = 10_000_000  # steps of a loop whose time tells how fast the machine is
+
+
+def draw_realistic(seed: int) -> dict:
+    """What the independent laboratory hides under a seed: kind, effects and their sizes (1: nobody would miss it)."""
+    rng = np.random.default_rng([seed, 79])
+    kind = str(rng.choice(["null", "single", "pair", "outside"], p=[0.25, 0.45, 0.15, 0.15]))
+    count = {"null": 0, "single": 1, "pair": 2, "outside": 1}[kind]
+    names = [str(n) for n in rng.choice(sorted(FOREIGN if kind == "outside" else REALISTIC), size=count, replace=False)]
+    size = {n: 1.0 if kind == "outside" else float(np.exp(rng.uniform(np.log(0.08), np.log(1.5)))) for n in names}
+    return {"seed": seed, "kind": kind, "hidden": names, "size": size}
 
 
 def draw(seed: int) -> dict:
@@ -101,6 +123,40 @@ def one(seed: int, wide: bool = False) -> dict:
     return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
 
 
+def one_realistic(seed: int) -> dict:
+    """Make a campaign in the independent laboratory with uncooled cameras, discover, then open the truth."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    from truth import laboratory
+
+    from flashtemp.comparison import campaign
+    from flashtemp.discovery import discover
+
+    plan, count_s = draw_realistic(seed), counting_time()
+    hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
+    pitch = {"sidewall": 4e-4, "wake": 1e-3}
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, behind=0.02, **laboratory.film(20, 3))
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = laboratory.campaign(folder, hidden, seed, test=test, uncooled=True)
+        made = time.process_time() - began
+        loaded = replace(campaign.load(folder), candidates=tuple(REALISTIC))
+        verdict, search = discover.discover(loaded, workers=1)
+    cpu = time.process_time() - began
+    truth = {"hidden": {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()},
+             "nuisance": drawn["drawn"]}  # fmt: skip
+    cameras = {file: r["camera"] for file, r in drawn["recordings"].items()}
+    found = _record(verdict, search, truth) | {"cameras": cameras}
+    return plan | found | {"made_s": made, "cpu_s": cpu, "count_s": count_s}
+
+
+def counting_time() -> float:
+    """CPU seconds in which this machine counts to ten million."""
+    began, count = time.process_time(), 0
+    while count < COUNTED:
+        count += 1
+    return time.process_time() - began
+
+
 def _without(hidden: list[str]) -> tuple[str, ...]:
     """The catalogue as if what is hidden were not in it."""
     from flashtemp.physics.effect import catalogue
@@ -116,14 +172,15 @@ def _record(verdict, search, truth: dict) -> dict:
     for ranked in search.ranking[:1]:
         for s in ranked:
             if s.effect in truth["hidden"]:
-                k, a = SINGLE[s.effect], s.candidate.strengths[SINGLE[s.effect]]
+                k = STRENGTH[s.effect]
+                a = s.candidate.strengths[k]
                 z[s.effect] = abs(truth["hidden"][s.effect][k] - find(s.effect).params()[k].off) / abs(a) * s.seen
     causes = []
     for c in verdict.causes:
         for p in c.parameters:
             name = p.name.split(".")[1]
             true = truth["hidden"].get(c.effect, {}).get(name)
-            if name == SINGLE.get(c.effect):
+            if name == STRENGTH.get(c.effect):
                 causes.append({"effect": c.effect, "value": p.value, "stderr": p.stderr, "ci95": p.ci95, "true": true,
                                "ln_bayes": c.ln_bayes})  # fmt: skip
     scores = [(r.effect, r.score) for r in verdict.rivals[:3]]
@@ -138,14 +195,14 @@ def _record(verdict, search, truth: dict) -> dict:
     }  # fmt: skip
 
 
-def run(first: int, last: int, file: Path, processes: int = 2, wide: bool = False) -> None:
+def run(first: int, last: int, file: Path, processes: int = 2, mode: str = "") -> None:
     """All seeds first..last-1 that the file does not hold yet."""
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     seeds = [s for s in range(first, last) if s not in done]
     with ProcessPoolExecutor(processes) as pool, file.open("a") as out:
-        for future in as_completed([pool.submit(attempt, s, wide) for s in seeds]):
+        for future in as_completed([pool.submit(attempt, s, mode) for s in seeds]):
             found = future.result()
             out.write(json.dumps(found, default=float) + "\n")
             out.flush()
@@ -154,12 +211,13 @@ def run(first: int, last: int, file: Path, processes: int = 2, wide: bool = Fals
             print(found["seed"], found["kind"], found["hidden"], z, "->", found["verdict"], *named, flush=True)
 
 
-def attempt(seed: int, wide: bool = False) -> dict:
-    """One campaign; a failure is a result too."""
+def attempt(seed: int, mode: str = "") -> dict:
+    """One campaign of a mode, realistic, wide or neither; a failure is a result too."""
     try:
-        return one(seed, wide)
+        return one_realistic(seed) if mode == "realistic" else one(seed, mode == "wide")
     except Exception:
-        return draw(seed) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+        plan = draw_realistic(seed) if mode == "realistic" else draw(seed)
+        return plan | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
 
 
 # --- tables ----------------------------------------------------------------------------------------------
@@ -184,6 +242,10 @@ def table(file: Path) -> None:
     for r in rows:
         kinds[r["kind"]].append(r)
     print(f"{len(rows)} campaigns, {np.mean([r.get('cpu_s', 0) for r in rows]):.0f} s of CPU each")
+    if counts := [r["count_s"] for r in rows if "count_s" in r]:
+        found = [r["cpu_s"] - r["made_s"] for r in rows if "count_s" in r]
+        print(f"discovery: {np.median(found):.0f} s of CPU in the median, {max(found):.0f} s at most")
+        print(f"the machine counts to ten million in {np.median(counts):.2f} s")
     print("\n| z of the hidden effect | campaigns | right | group | weak | none | unexplained | extra | wrong |")
     print("|---|---|---|---|---|---|---|---|---|")
     for low, high in BINS:
@@ -213,8 +275,11 @@ def table(file: Path) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "run":
-        more = [word for word in sys.argv[5:] if word != "wide"]
-        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *map(int, more), wide="wide" in sys.argv[5:])
+    if sys.argv[1] in ("run", "realistic"):
+        processes = [int(word) for word in sys.argv[5:] if word != "wide"]
+        mode = sys.argv[1] if sys.argv[1] == "realistic" else "wide" if "wide" in sys.argv[5:] else ""
+        run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *processes, mode=mode)
+        if mode == "realistic":
+            table(Path(sys.argv[4]))
     else:
         table(Path(sys.argv[2]))

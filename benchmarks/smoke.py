@@ -57,6 +57,7 @@ def blind() -> list[Row]:
         assert plan == discover.draw(seed)
         load(case, discover.overrides(plan))
         assert independent.draw(seed, True) == independent.draw(seed, True)
+        assert discover.draw_realistic(seed) == discover.draw_realistic(seed)
     noise = learned_laws.Traces(np.eye(4), ((np.arange(4), 1.0),))
     gains = noise.gains(noise.drawn(np.random.default_rng(1), 2000), (0.5, 1.0))
     share = 100.0 * float(np.mean(gains > 8.0))  # of draws of nothing but noise in which a law is seen

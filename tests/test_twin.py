@@ -8,10 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from truth import uncooled_camera
 
 from flashtemp.__main__ import main
+from flashtemp.camera import synthetic_camera_errors as camera_errors
+from flashtemp.camera.camera_classes import COOLED, UNCOOLED
 from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.recording import load as recording
+from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare, words
 from flashtemp.comparison.twin import SEALED, Plan, discretisation, twin
@@ -194,6 +198,77 @@ def test_a_profile_can_be_the_view(made):
     assert abs(found.seeings[0].chi2_per_dof - 1) < 0.3
 
 
+# --- cameras with errors of their own ------------------------------------------------------------------
+def camera_with(seed=(1, 0), camera_class=UNCOOLED, **errors):
+    camera = SyntheticCamera.drawn(camera_class, seed)
+    return replace(camera, errors=replace(camera.errors, **errors))
+
+
+@pytest.mark.parametrize("length", [0.4, 3.0, -2.0])
+def test_lag_and_stray_light_agree_with_the_independent_laboratory(length):
+    """Two programs, one law: a first-order response, and a share of the light in a Gaussian."""
+    T = np.random.default_rng(1).normal(25.0, 3.0, (2, 30, 70))
+    lagged = np.array([camera_errors._lagged(image, length) for image in T])
+    np.testing.assert_allclose(lagged, uncooled_camera.smear(T, length), atol=1e-12)
+    own = camera_with(vignetting=0.0, stray_light=0.02, stray_sigma_px=6.0, untracked_speed=0.0)
+    other = replace(uncooled_camera.IDEAL, halo=0.02, halo_width=6.0)
+    np.testing.assert_allclose(own.distort(T, np.zeros(2)), uncooled_camera.spread_halo(T, other), atol=1e-9)
+
+
+def test_vignetting_takes_its_share_of_the_contrast_in_the_corners():
+    images = np.full((1, 31, 71), 20.0)
+    seen = camera_with(vignetting=0.008, housing_degC=30.0, untracked_speed=0.0).distort(images, np.zeros(1))[0]
+    corners = seen[[0, 0, -1, -1], [0, -1, 0, -1]]
+    np.testing.assert_allclose(corners, 30.0 - 10.0 * (1.0 - 0.008), rtol=1e-12)
+    assert seen[15, 35] == pytest.approx(20.0, abs=1e-12)
+
+
+def test_the_offset_wanders_as_a_wiener_process_that_the_shutter_ends():
+    time, closings, rng = np.linspace(0.0, 20.0, 41), np.array([8.2]), np.random.default_rng(2)
+    errors = camera_with(offset_sd_K=0.1, wander_K_per_sqrt_s=0.02).errors
+    paths = np.array([camera_errors._wandering(time, closings, errors, rng) for _ in range(2000)])
+    age = np.where(time < 8.2, time, time - 8.2)
+    np.testing.assert_allclose(paths.var(axis=0), 0.1**2 + 0.02**2 * age, rtol=5.0 * np.sqrt(2.0 / 2000))
+    assert abs(np.corrcoef(paths[:, 5], paths[:, 30])[0, 1]) < 5.0 / np.sqrt(2000)
+
+
+@pytest.mark.parametrize("camera_class", [UNCOOLED, COOLED])
+def test_a_camera_writes_counts_with_bad_pixels_that_stay_and_frames_that_repeat(camera_class):
+    T, time = np.random.default_rng(3).normal(25.0, 1.0, (60, 24, 80)), np.linspace(0.0, 30.0, 60)
+    camera = camera_with((3, 1), camera_class, shutter_interval_s=10.0, repeated_frames=2.0, bad_rows=1.5)
+    first, again, other = (camera.degrade(T, time, np.random.default_rng(k)) for k in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    counts = first / camera.errors.count_K
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
+    same = (first[1:] == first[:-1]).all(axis=(1, 2))
+    assert same.sum() in (4, 6)  # two or three closings in thirty seconds
+    bad = np.any(camera.bad_pixels(T.shape[1:]), axis=0)
+    assert bad.all(axis=1).sum() == 1
+    stuck = [np.ptp(images, axis=0) == 0.0 for images in (first, other)]
+    np.testing.assert_array_equal(*stuck)
+    assert not (stuck[0] & ~bad).any()
+    np.testing.assert_array_equal(first[0][stuck[0]], other[0][stuck[0]])
+
+
+@pytest.mark.parametrize("camera_class", [UNCOOLED, COOLED])
+def test_a_twin_with_cameras_that_err_seals_their_errors(case, tmp_path, camera_class):
+    """More frames, a number in every pixel, and one camera per view in all conditions."""
+    quick = case.with_values({"schedule.distance": 0.05, "schedule.wait": 0.5, "numerics.mesh": 0.3})
+    plan = Plan((), 7, 2, ("sidewall",), nuisance=0.0, camera=camera_class)
+    folder = twin(quick, plan, tmp_path / "lab")
+    r = recording(folder / "condition1_sidewall.nc")
+    assert r.camera == camera_class
+    assert r.frames == 2 * 24 + 4
+    assert np.isfinite(r.temperature).all()
+    np.testing.assert_allclose(np.diff(r.time[:24]), np.diff(r.time[:2])[0], rtol=1e-9)
+    made = [sealed(folder)["recordings"][f"condition{n}"]["sidewall"]["camera"] for n in (1, 2)]
+    assert made[0] == made[1]
+    low, high = camera_errors.RANGES["response_s"][[UNCOOLED, COOLED].index(camera_class)]
+    assert low <= made[0]["response_s"] <= high
+    found = campaign.load(folder).views[0].recording.temperature
+    np.testing.assert_array_equal(found, r.temperature)
+
+
 # --- commands -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("given", "said"),
@@ -211,6 +286,7 @@ def test_a_profile_can_be_the_view(made):
         ),
         (["--hide", "none", "--conditions", "9"], "give 1 to 4"),
         (["--hide", "none", "--nuisance", "-1"], "from 0 to 3"),
+        (["--hide", "none", "--camera", "warm"], "--camera: 'warm'; give ideal, uncooled or cooled"),
     ],
 )
 def test_bad_input(case, tmp_path, capsys, given, said):

@@ -145,13 +145,16 @@ def twin(
     views: Sequence[str] = ("sidewall", "wake"),
     nuisance: float = 1.0,
     points: Sequence[dict[str, Any]] = (),
+    camera: str = "ideal",
     say: Say = silent,
 ) -> Twin:
     """A synthetic campaign in the new folder `out`, with effects that are hidden from the case that is believed.
 
     `hide` names of effects, `views` some of sidewall, wake, profile and points, `points` tables of x, z (m), lag_s and
-    place_sigma_m of thermocouples, `nuisance` scales all that is drawn within what a laboratory knows.  Raises
-    BadInput, SolverFailure.
+    place_sigma_m of thermocouples, `nuisance` scales all that is drawn within what a laboratory knows.  The
+    `camera` is ideal, or it has errors of uncooled or cooled cameras.  Raises BadInput, SolverFailure.
     """
-    asked = twins.Plan(tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points))
+    asked = twins.Plan(
+        tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points), camera=camera
+    )
     return Twin(twins.twin(case_of(case, overrides), asked, Path(out), say), seed, conditions)

@@ -15,6 +15,7 @@ from truth import thermocouples
 from truth.asperities import kept
 from truth.camera import Geometry, Optics, look
 from truth.sliding import Pair, Sliding, firmness, impulse
+from truth.uncooled_camera import CameraErrors, draw_errors, record
 from truth.wall import Wall
 
 AIR, CELL = 20.0, 0.005
@@ -76,8 +77,14 @@ class Programme:
     pitch: dict[str, float] = field(default_factory=lambda: {"sidewall": 2.5e-4, "wake": 5e-4})  # m
     behind: float = 0.03  # m of road that is seen
     taken: tuple[float, ...] = TAKEN
+    resting: tuple[float, ...] = (0.6,)  # shares of a wait at which frames are taken
     beads: tuple[tuple[float, float], ...] = ()  # thermocouples: shares of length and height
     lag: float = 0.3  # s, their time constant
+
+
+def film(frames=30, resting=6):
+    """Options of a Programme whose cameras run all the time: `frames` in every repetition and `resting` in every wait."""
+    return {"taken": tuple(np.linspace(0.1, 0.94, frames)), "resting": tuple(np.linspace(0.1, 0.9, resting))}
 
 
 def believed(test, more=""):
@@ -268,12 +275,14 @@ def _carried(world, passes, place, t, spots=False):
 
 # --- what is handed over -------------------------------------------------------------------------------
 def campaign(
-    folder, hidden=None, seed=0, errors=None, test=None, views=("sidewall", "wake"), flaw=0.0, free=None, beyond=None
-):
+    folder, hidden=None, seed=0, errors=None, test=None, views=("sidewall", "wake"), flaw=0.0, free=None, beyond=None,
+    uncooled=False,
+):  # fmt: skip
     """Write campaign.toml, case.toml, recordings and load-cell traces into `folder`; what was drawn.
 
     `beyond` replaces errors of every image: `larger`, `turned` (rad), `mirrored`; or `length` (m) of the block.  `flaw`
-    (K) is a smooth error in the wake's frames, such as a solver makes.
+    (K) is a smooth error in the wake's frames, such as a solver makes.  `uncooled`: cameras with the errors of
+    `uncooled_camera`, one drawn for each view; or errors that both have.
     """
     folder, hidden, errors, test = Path(folder), Hidden(hidden or {}), errors or Errors(), test or Programme()
     folder.mkdir(parents=True, exist_ok=True)
@@ -310,13 +319,17 @@ def campaign(
         )
         given = f'with = {{ "contact.pressure" = {pressure}, "schedule.speed" = {speed} }}'
         asked = {(r, True): test.taken for r in range(1, test.repetitions + 1)}
-        asked |= {(r, False): (0.6,) for r in range(1, test.repetitions)}
+        asked |= {(r, False): test.resting for r in range(1, test.repetitions)}
         sliding, moments, times, cell = live(world, asked)
         late = _clock(drawn, errors)
         for view in views:
             name = f"condition{number}_{view}.nc"
             seen = [m for m in moments if m.looked]
-            truth["recordings"][name] = _record(folder / name, view, world, sliding, seen, drawn, late, beyond, flaw)
+            seeds = (seed, views.index(view), number)
+            camera = _Uncooled.drawn(seeds, uncooled) if uncooled else None
+            truth["recordings"][name] = _record(
+                folder / name, view, world, sliding, seen, drawn, late, beyond, flaw, camera
+            )
             lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(test.netd, 1e-3)}"]
         if test.beads:
             name = f"condition{number}_beads.csv"
@@ -348,12 +361,28 @@ class _Draw:
         return tuple(self.places.uniform(size=2))
 
 
+@dataclass(frozen=True)
+class _Uncooled:
+    """One uncooled camera: its errors, what draws whatever stays with it, and what is new in this recording."""
+
+    errors: CameraErrors
+    device: np.random.Generator
+    rng: np.random.Generator
+
+    @classmethod
+    def drawn(cls, seeds, errors):
+        """The camera of a view by its `seeds` (campaign, view, condition), with random errors where they are True."""
+        seed, view, condition = seeds
+        own = draw_errors(np.random.default_rng([seed, 7, view])) if errors is True else errors
+        return cls(own, np.random.default_rng([seed, 8, view]), np.random.default_rng([seed, 9, view, condition]))
+
+
 def _clock(drawn, errors):
     offset, rate = abs(drawn(errors.clock)), drawn(errors.drift)
     return lambda t, r: t + offset + rate * t * (1.0 if r > 1 else 0.5)
 
 
-def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
+def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw, camera=None):
     """Write one recording; its own errors."""
     errors, pair, test = drawn.errors, world.pair, world.test
     pitch, length, side = test.pitch[view], test.pair.length, round(0.5 * pair.width + 5e-3, 9)
@@ -373,21 +402,25 @@ def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw):
     a, b = np.linspace(0.0, 1.0, len(u)), np.linspace(0.0, 1.0, len(v))[:, None]
     gain = 1.0 + sum(k * np.sin(np.pi * m * (a - 0.4)) * np.cos(np.pi * n * (b - 0.3)) for m, n, k in waves)
     optics = Optics(0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0), gain=gain)
-    frames = []
-    for k, m in enumerate(moments):
-        frame = look(
-            _seen(view, world, sliding, m), _box(view, pair, test.behind), AIR + world.air(m.t), u, v, optics, geometry
-        )
-        if view == "wake" and flaw:
-            frame = frame + flaw * np.exp(-a / 0.4) * np.cos(1.3 * k) * (np.abs(v) < 0.5 * pair.width)[:, None]
-        frames.append(frame)
-    T = np.array(frames)
+    box = _box(view, pair, test.behind)
+    T = np.array([look(_seen(view, world, sliding, m), box, AIR + world.air(m.t), u, v, optics, geometry)
+                  for m in moments])  # fmt: skip
+    if view == "wake" and flaw:
+        road = (np.abs(v) < 0.5 * pair.width)[:, None]
+        T = T + flaw * np.exp(-a / 0.4) * np.cos(1.3 * np.arange(len(T)))[:, None, None] * road
     pattern = drawn.rng.uniform(*errors.pattern)
-    T = T + pattern * drawn.rng.normal(size=T.shape[1:]) + test.netd * drawn.rng.normal(size=T.shape)
+    fixed, noise = pattern * drawn.rng.normal(size=T.shape[1:]), test.netd * drawn.rng.normal(size=T.shape)
+    time = np.array([m.t for m in moments])
+    if camera:
+        motion = np.array([m.sliding * world.speed / pitch for m in moments])
+        T = record(T, time, camera.errors, camera.device, camera.rng, fixed + noise, motion)
+    else:
+        T = T + fixed + noise
     lag = world.hidden("time_lag")
     time = np.array([late(m.t, m.repetition) + lag for m in moments])
     _write(file, view, T, time, [m.repetition for m in moments], u, v, test.netd)
-    return {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}
+    out = {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}
+    return out | ({"camera": asdict(camera.errors)} if camera else {})
 
 
 def _box(view, pair, behind):

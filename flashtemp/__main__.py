@@ -73,11 +73,13 @@ def _run(words: list[str], debug: bool) -> int:
     import warnings
 
     from flashtemp.cli.commands import NAMES, CycloptsError, app, plain
+    from flashtemp.cli.table_notes import table_notes
 
     if not debug:  # what becomes of it is told where it matters
         warnings.simplefilter("ignore", RuntimeWarning)
     try:
-        code = app(plain(words), exit_on_error=False, print_error=False, result_action="return_value")
+        with table_notes():
+            code = app(plain(words), exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as fault:
         where = f"{words[0]} " if words and words[0] in NAMES else ""
         raise BadInput("flashtemp: " + " ".join(str(fault).split()) + f" See flashtemp {where}--help.") from fault

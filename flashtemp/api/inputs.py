@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
 from flashtemp.model.case import Case
-from flashtemp.model.case_file import Places
+from flashtemp.model.case_file import Places, parse_toml
 
 Overrides = Mapping[str, Any]
 Say = Callable[[str], Any]  # told in words what is being done
@@ -37,7 +36,7 @@ def load(case: str | Path, overrides: Overrides | Iterable[str] | None = None, *
 def case_of_text(text: str, file: Path) -> Case:
     """The case that a text means as the content of `file`, which need not exist.  Raises BadInput with all faults."""
     try:
-        raw = tomllib.loads(text)
+        raw = parse_toml(text)
     except (ValueError, RecursionError) as fault:
         raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that place") from fault
     name = file.parent.name if file.name == "case.toml" else file.stem

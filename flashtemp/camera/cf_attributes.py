@@ -27,11 +27,13 @@ def numbers(name: str, variable: Any, unit: str) -> np.ndarray:
     values = _within_valid_range(name, variable)
     _refuse_other_meaning(name, variable.attrs)
     text = variable.attrs.get("units")
-    if text is None or (unit == "1" and text in ("", "1")):
+    if text is None:
         return values
     shown = short(repr(text if isinstance(text, str) else np.asarray(text).tolist()))
     if not isinstance(text, str):
         raise BadInput(f"{name}: units = {shown}; give text, such as {unit!r}")
+    if unit == "1" and text in ("", "1"):
+        return values
     if " since " in f" {text.lower()} ":
         raise BadInput(
             f"{name}: units = {shown} is a date; give s from the first start of sliding, units = {unit!r}"
@@ -64,6 +66,7 @@ def _within_valid_range(name: str, variable: Any) -> np.ndarray:
     values = np.asarray(variable.values)
     if values.dtype.kind not in "uif":
         raise BadInput(f"{name}: holds {values.dtype} values; give numbers")
+    _refuse_packing(name, variable.encoding)
     values = values.astype(float)
     low, high = _valid_range(name, variable)
     if low > -np.inf or high < np.inf:
@@ -71,11 +74,23 @@ def _within_valid_range(name: str, variable: Any) -> np.ndarray:
     return values
 
 
+def _refuse_packing(name: str, encoding: dict[str, Any]) -> None:
+    """BadInput where a scale or an offset of packed values is no number, or the scale makes all values equal."""
+    for key in ("scale_factor", "add_offset"):
+        given = np.asarray(encoding.get(key, 1.0))
+        is_number = given.dtype.kind in "uif" and given.size == 1 and bool(np.isfinite(given).all())
+        if not is_number or (key == "scale_factor" and not given.any()):
+            raise BadInput(
+                f"{name}: {key} = {short(repr(given.tolist()))}; give one finite number, a scale_factor other than 0"
+            )
+
+
 def _valid_range(name: str, variable: Any) -> tuple[float, float]:
     """Lowest and highest valid value; whole numbers are packed as the values are in the file.  Raises BadInput."""
     attrs, encoding = variable.attrs, variable.encoding
-    ends = attrs.get("valid_range", (attrs.get("valid_min", -np.inf), attrs.get("valid_max", np.inf)))
-    found = [np.asarray(end) for end in np.atleast_1d(ends)] if np.ndim(ends) == 1 else []
+    limits = [attrs.get("valid_min", -np.inf), attrs.get("valid_max", np.inf)]
+    ends = list(np.atleast_1d(attrs["valid_range"])) if "valid_range" in attrs else limits
+    found = [np.asarray(end) for end in ends]
     if len(found) != 2 or any(end.dtype.kind not in "uif" or end.size != 1 for end in found):
         raise BadInput(f"{name}: valid_range = {short(repr(ends))}; give two numbers, or leave it out")
     scale, offset = encoding.get("scale_factor", 1.0), encoding.get("add_offset", 0.0)

@@ -272,19 +272,10 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     wanted = ("frame", "point" if points else "u") if flat else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
         raise BadInput(f"{path}: temperature{tuple(T.dims)}; give temperature({', '.join(wanted)}) for view {view!r}")
-    frames = {"time": "frame", "repetition": "frame", "u": "u", "v": "v"} | dict.fromkeys(KEYS, "point")
-    for name in frames.keys() & set(ds.variables):
-        if (points or name not in KEYS) and (not flat or name != "v") and ds[name].dims != (frames[name],):
-            raise BadInput(f"{path}: {name}{tuple(ds[name].dims)}; give {name}({frames[name]})")
     if not flat and "v" not in ds.variables:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
-    given = {}
-    for name in OPTIONAL.keys() & set(ds.attrs):
-        with contextlib.suppress(TypeError, ValueError):
-            given[name] = float(ds.attrs[name])
-        if name not in given:
-            raise BadInput(f"{path}: {name}: {short(repr(ds.attrs[name]))}; give a number")
     try:
+        _check_dimensions(ds, wanted)
         values = _numbers(ds, "temperature", T.transpose(*wanted))
         values = values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
         return Recording(
@@ -297,10 +288,29 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
             source=short(str(ds.attrs.get("source", ""))),
             camera=short(str(ds.attrs.get("camera", UNCOOLED))),
             places=_places(ds, values.shape[1]) if points else None,
-            **given,
+            **_read_optional(ds),
         )
     except BadInput as fault:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
+
+
+def _read_optional(ds) -> dict[str, float]:
+    """What the attributes of a file tell about the camera.  Raises BadInput."""
+    given: dict[str, float] = {}
+    for name in OPTIONAL.keys() & set(ds.attrs):
+        with contextlib.suppress(TypeError, ValueError):
+            given[name] = float(ds.attrs[name])
+        if name not in given:
+            raise BadInput(f"{name}: {short(repr(ds.attrs[name]))}; give a number")
+    return given
+
+
+def _check_dimensions(ds, wanted: tuple[str, ...]) -> None:
+    """BadInput where a coordinate of the temperatures' dimensions is not one number along each."""
+    along = {"time": "frame", "repetition": "frame", "u": "u", "v": "v"} | dict.fromkeys(KEYS, "point")
+    for name in along.keys() & set(ds.variables):
+        if along[name] in wanted and ds[name].dims != (along[name],):
+            raise BadInput(f"{name}({', '.join(map(str, ds[name].dims))}); give {name}({along[name]})")
 
 
 def _places(ds, n: int) -> Places:

@@ -22,7 +22,7 @@ from flashtemp.physics.tables.cells import is_missing
 from flashtemp.physics.tables.header import Column
 from flashtemp.physics.tables.logger_file import read_logger_file
 from flashtemp.physics.tables.records import Record, read_records
-from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis, read_time_axis
 
 OF_POINTS = {
@@ -31,6 +31,11 @@ OF_POINTS = {
 }  # fmt: skip
 COLUMNS = ("column", "name", *KEYS)
 ASK = f"--places FILE.csv with a line of names among {','.join(COLUMNS)} and a line per thermocouple (m, s)"
+SERIES_NAME = re.compile(
+    r"entityid|(?:sensor|channel|device|probe|series|tag|topic|field|variable|parameter|kanal|messstelle|fühler)"
+    r"(?:id|name|no|nr|number)?|measurement|location"
+)
+COLDEST_DEGC = -273.0  # absolute zero in whole degrees or finer: no reading
 HOTTEST_DEGC = 3500.0  # beyond every thermocouple and pyrometer of this kind
 COLDEST_KELVIN_MEDIAN = 150.0  # below, numbers under a K are rather of a thermocouple of type K
 UNIT_KEY = re.compile(
@@ -60,6 +65,8 @@ def read_recording(names: list[Path], facts: Facts) -> tuple[Recording, tuple[st
     comma = None if facts.decimal is None else facts.decimal == "comma"
     table, axis = read_logger_file(path, str(path), comma, facts.variable)
     columns, axis = _assign_columns(table, axis, placed, facts)
+    _check_one_series(table, columns)
+    ordered = _note_of_order(table, columns, axis, placed)
     if facts.every and facts.every > 1:
         table = table.every(facts.every)
         axis = None if axis is None else replace(axis, seconds=axis.seconds[:: facts.every])
@@ -73,7 +80,7 @@ def read_recording(names: list[Path], facts: Facts) -> tuple[Recording, tuple[st
     )  # fmt: skip
     separated = "" if table.rows and not table.rows[0] else f", {table.dialect}"
     shape = f"{len(table.lines)} readings{separated}"
-    return recording, (shape, *table.notes, *(() if axis is None else axis.notes), *notes)
+    return recording, (shape, *table.notes, *(() if axis is None else axis.notes), *ordered, *notes)
 
 
 def read_campaign_points(entry: dict[str, Any], folder: Path, schedule: Any, key: str) -> Recording:
@@ -167,12 +174,7 @@ def _columns_by_name(table: TextTable, names: list[str | None]) -> list[Column] 
 
 def _columns_in_order(table: TextTable, axis: TimeAxis, placed: PlacedPoints, exact: bool = False) -> list[Column]:
     """The columns of values behind the time, one per thermocouple in their order.  Raises BadInput."""
-    behind = max(axis.columns, default=0)
-    free = [
-        c
-        for c in table.columns
-        if c.number > behind and c.number not in table.text_columns and not header.is_counter_label(c)
-    ]
+    free = _free_columns(table, axis)
     count = len(placed.places)
     if len(free) < count or (exact and len(free) > count):
         have, need = len(free) + len(axis.columns), count + len(axis.columns)
@@ -183,6 +185,44 @@ def _columns_in_order(table: TextTable, axis: TimeAxis, placed: PlacedPoints, ex
             )
         raise BadInput(f"{table.where}: {have} columns, but a thermocouple is in column {need}; correct --places")
     return free[:count]
+
+
+def _free_columns(table: TextTable, axis: TimeAxis | None) -> list[Column]:
+    """The columns of values behind the time that are neither counted nor a status."""
+    behind = 0 if axis is None else max(axis.columns, default=0)
+    return [
+        c
+        for c in table.columns
+        if c.number > behind
+        and c.number not in table.text_columns
+        and not (header.is_counter_label(c) or header.is_status_label(c))
+    ]
+
+
+def _note_of_order(
+    table: TextTable, columns: list[Column], axis: TimeAxis | None, placed: PlacedPoints
+) -> tuple[str, ...]:
+    """A note where thermocouples were found by their order alone, and the table has more columns of values."""
+    if None not in placed.columns or _columns_by_name(table, list(placed.places.names)) is not None:
+        return ()
+    if len(_free_columns(table, axis)) <= len(columns):
+        return ()
+    return (f"thermocouples in their order from {', '.join(map(str, columns))}; give `column` in --places for others",)
+
+
+def _check_one_series(table: TextTable, columns: list[Column]) -> None:
+    """BadInput where a column names several sensors, whose readings stand under each other."""
+    for column in table.columns:
+        if column in columns or not SERIES_NAME.fullmatch(header.bare_name(column.label)):
+            continue
+        names = set(table.cells(column))
+        words = column.number in table.text_columns or all(name.isdecimal() for name in names)
+        if words and 1 < len(names) <= len(table.rows) / 2:
+            some = ", ".join(short(repr(name)) for name in sorted(names)[:3])
+            raise BadInput(
+                f"{table.where}: {column} names {len(names)} sensors under each other ({some}); give a table with"
+                " a column of temperatures for each"
+            )
 
 
 # --- temperatures -----------------------------------------------------------------------------------
@@ -210,6 +250,7 @@ def read_temperatures(table: TextTable, columns: list[Column], facts: Facts) -> 
             bare.append(T)
         out.append(T)
     if bare:
+        table.check_degrees("give --unit degF or degC")
         _, note = celsius(np.stack(bare, axis=1), None)
         notes.append(note)
     values = np.stack(out, axis=1)
@@ -266,12 +307,16 @@ def _check_known(table: TextTable, column: Column, T: np.ndarray) -> None:
 
 def _check_range(table: TextTable, column: Column, T: np.ndarray) -> None:
     """BadInput for temperatures that cannot be, with their line and cell."""
-    bad = (T < -KELVIN) | (T > HOTTEST_DEGC)
+    bad = (T <= COLDEST_DEGC) | (T > HOTTEST_DEGC)
     if not bad.any():
         return
     k = int(np.argmax(bad))
     cell = short(repr(table.cells(column)[k]))
-    what = "is below absolute zero" if T[k] < 0 else f"is above {HOTTEST_DEGC:g} degC"
+    what = (
+        ("is below absolute zero" if T[k] < -KELVIN else "is absolute zero")
+        if T[k] < 0
+        else f"is above {HOTTEST_DEGC:g} degC"
+    )
     raise BadInput(
         f"{table.place(k)}: {cell} in column {column.number} {what}; if it marks a missing value, empty that cell, else"
         " give --unit"
@@ -312,11 +357,11 @@ def read_places(file: Path) -> PlacedPoints:
 
 def _key_of(label: str, where: str) -> tuple[str, str]:
     """The key that a name of a column means, and the unit that it states, "" for none."""
-    if label in COLUMNS:
-        return label, ""
+    if label.casefold() in COLUMNS:
+        return label.casefold(), ""
     for key, (unit, *_) in KEYS.items():
         name, own = header.split_label(label, unit)
-        if name == key and own:
+        if name.casefold() == key and own:
             header.convert_unit(own, unit, f"{where}: {label!r}")
             return key, own
     raise BadInput(f"{where}: {label!r}: unknown column{nearest(label, COLUMNS)}; give {', '.join(COLUMNS)}")
@@ -336,8 +381,8 @@ def _place_column(where: str, number: int, cell: str | None, record: Record) -> 
 def _place_number(where: str, row: int, key: str, unit: str, cell: str, record: Record) -> float:
     value = record.number(cell)
     try:
-        if value is None and units.looks_like_quantity(cell):
-            value = units.to_unit(cell, KEYS[key][0], difference=True)
+        if value is None and units.looks_like_quantity(record.with_point(cell)):
+            value = units.to_unit(record.with_point(cell), KEYS[key][0], difference=True)
         elif value is not None and unit:
             value *= units.conversion(unit, KEYS[key][0], difference=True)[0]
     except BadInput as fault:

@@ -147,7 +147,7 @@ def _times_key(label: str, where: str) -> tuple[str, float]:
     """What a column of times holds, and the factor of its unit to s."""
     name, unit = header.split_label(label, "s")
     if name.casefold() != "time" or not unit:
-        return label, 1.0
+        return label.casefold(), 1.0
     return "time", header.convert_unit(unit, "s", f"{where}: {label!r}")[0]
 
 
@@ -156,8 +156,8 @@ def _times_cell(record: Record, key: str, factor: float, cell: str, where: str) 
     if key not in ("time", "repetition"):
         return cell
     value = record.number(cell)
-    if value is None and key == "time" and units.looks_like_quantity(cell):
-        return repr(units.to_unit(cell, "s"))
+    if value is None and key == "time" and units.looks_like_quantity(record.with_point(cell)):
+        return repr(units.to_unit(record.with_point(cell), "s"))
     if value is None:
         raise BadInput(f"{where}:{record.line}: {key} {short(repr(cell))}; give a number")
     return repr(value * factor)

@@ -199,7 +199,7 @@ class _Reader:
             self.fault("case", f"{name!r}; give the name of a case file in quotes")
             return None
         path = self.folder / name
-        if not path.exists():
+        if not _exists(path):
             self.fault("case", f"no file '{name}' in {self.folder}; give the case that is believed")
             return None
         return path
@@ -335,7 +335,7 @@ class _Reader:
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
             self.fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
             return False
-        if not (self.folder / file).is_file():
+        if not _exists(self.folder / file) or not (self.folder / file).is_file():
             self.fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
             return False
         return True
@@ -378,6 +378,14 @@ def _conditions(entry: dict[str, Any], under: Under | None) -> dict[str, Any]:
         return given
     case = under(given)
     return given | {key: case[key] for key in with_units}
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is something of that name; there is nothing of a name that no file can have."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _is_same_measurement(one: View | Force, other: View | Force, folder: Path) -> bool:

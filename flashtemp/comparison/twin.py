@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera import point_observation, synthetic
+from flashtemp.camera.camera_classes import COOLED, UNCOOLED
 from flashtemp.camera.observation import ABOVE, WAKE
 from flashtemp.camera.points import of_rows
+from flashtemp.camera.synthetic_camera_errors import CAMERAS, IDEAL, SyntheticCamera
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
@@ -26,7 +28,8 @@ from flashtemp.physics import own_effects
 from flashtemp.runs.folders import whole
 from flashtemp.solver.march import march
 
-NETD = 0.05  # K
+NETD_K = {IDEAL: 0.05, UNCOOLED: 0.05, COOLED: 0.02}
+FILM = (24, 4)  # frames per repetition and per wait of a camera with errors, which runs all the time
 FORCE = 0.005  # standard deviation of one reading of the load cell
 KNOWN = {  # how well a laboratory knows what it may calibrate: relative standard deviation
     "friction.mu": 0.05,
@@ -45,7 +48,9 @@ class Plan:
     """What a twin is made of: names of `hidden` effects, `seed`, number of `conditions`, `views` and frames.
 
     `nuisance` scales everything that is drawn within what is known: 0 leaves noise, pattern and dead pixels.
-    `points` of the view of that name: tables of x, z, lag_s and place_sigma_m as in campaign.toml.
+    `points` of the view of that name: tables of x, z, lag_s and place_sigma_m as in campaign.toml.  The `camera` of
+    every view is ideal (noise, fixed pattern and dead pixels only) or has the errors of its class, and then takes at
+    least FILM frames.
     """
 
     hidden: tuple[str, ...]
@@ -56,6 +61,13 @@ class Plan:
     waiting: int = 1
     nuisance: float = 1.0
     points: tuple[dict[str, Any], ...] = ()
+    camera: str = IDEAL
+
+    @property
+    def frames(self) -> tuple[int, int]:
+        """Frames per repetition and per wait."""
+        least = (0, 0) if self.camera == IDEAL else FILM
+        return max(self.sliding, least[0]), max(self.waiting, least[1])
 
 
 def twin(case: Case, plan: Plan, out, watch: Callable[[str], Any] = lambda text: None) -> Path:
@@ -87,6 +99,8 @@ def _check(case: Case, plan: Plan) -> None:
         raise BadInput(f"--views: {','.join(plan.views)}; nothing slides (schedule.alone), give points and --points")
     if case["schedule.alone"] and plan.conditions != 1:
         raise BadInput(f"--conditions: {plan.conditions}; nothing slides (schedule.alone), give 1")
+    if plan.camera not in CAMERAS:
+        raise BadInput(f"--camera: {plan.camera!r}; give {', '.join(CAMERAS[:-1])} or {CAMERAS[-1]}")
     if plan.seed < 0:
         raise BadInput(f"--seed: {plan.seed}; give a whole number >= 0")
     if not 0 <= plan.nuisance <= 3:
@@ -157,7 +171,8 @@ def _write(case: Case, plan: Plan, work: Path, watch) -> None:
         truth["recordings"][name] = {"friction_jitter": jitter, **faults}
         for file in files:
             kind = "force" if file.endswith(".csv") else "recording"
-            sigma = {"sigma": FORCE} if kind == "force" else {"sigma_K": NETD}
+            camera = IDEAL if file.endswith("_points.nc") else plan.camera
+            sigma = {"sigma": FORCE} if kind == "force" else {"sigma_K": NETD_K[camera]}
             entries[kind].append({"file": file, "with": given, **sigma})
     head = {
         "title": f"synthetic campaign of {case.name}", "case": "case.toml", "free": list(known),
@@ -218,12 +233,14 @@ def _truth(case: Case, plan: Plan, given: dict[str, Any]) -> Case:
 
 def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list[str], dict]:
     """March the truth of one condition and write what a laboratory measured of it."""
-    scene = made.scene
-    times, repetition = synthetic.moments(scene.schedule, plan.sliding, plan.waiting)
-    blanks = {view: synthetic.blank(view, scene, times, repetition, NETD) for view in plan.views if view != "points"}
+    scene, netd = made.scene, NETD_K[plan.camera]
+    times, repetition = synthetic.moments(scene.schedule, *plan.frames, 1.5 if plan.camera == IDEAL else 1.0)
+    blanks = {view: synthetic.blank(view, scene, times, repetition, netd) for view in plan.views if view != "points"}
+    if plan.camera == COOLED:
+        blanks = {view: replace(blank, camera=COOLED) for view, blank in blanks.items()}
     if plan.points:
         often = synthetic.moments(scene.schedule, READ, plan.waiting)
-        blanks["points"] = synthetic.blank_points(of_rows(list(plan.points)), scene, *often, NETD)
+        blanks["points"] = synthetic.blank_points(of_rows(list(plan.points)), scene, *often, NETD_K[IDEAL])
     asked = {float(t) for r in blanks.values() for t in synthetic.shown(r, scene.acting)}
     inside = tuple(sorted(t for t in asked if 0.0 <= t <= scene.schedule.end))
     run = march(scene, replace(made.settings, times=inside, fields=2), made.title)
@@ -231,7 +248,11 @@ def _condition(made: Case, plan: Plan, rng, work: Path, name: str) -> tuple[list
     for view, recording in blanks.items():
         own = synthetic.draw(recording, rng, plan.nuisance)
         faults[view] = asdict(own)
-        synthetic.expose(run, scene, recording, own, rng).save(work / f"{name}_{view}.nc")
+        camera = None
+        if plan.camera != IDEAL and recording.places is None:
+            camera = SyntheticCamera.drawn(plan.camera, (plan.seed, plan.views.index(view)))
+            faults[view]["camera"] = asdict(camera.errors)
+        synthetic.expose(run, scene, recording, own, rng, camera=camera).save(work / f"{name}_{view}.nc")
         files.append(f"{name}_{view}.nc")
     on = run.sliding & np.isfinite(run.friction)
     if not on.any():  # the block is alone

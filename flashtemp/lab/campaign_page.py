@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.shared import ask_to_run, link, save_text, show_error, show_errors
 from flashtemp.lab.toml_text import edited
+from flashtemp.model.case_file import parse_toml
 from flashtemp.model.toml_value import value_text
 
 BEGIN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
@@ -52,7 +52,7 @@ class CampaignPage:
     def _controls(self, text: str) -> None:
         cases = [str(p) for p in self.found.cases]
         try:
-            believed = (self.folder / self.name.value).parent / str(tomllib.loads(text).get("case", ""))
+            believed = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
             now = next((c for c in cases if (self.folder / c).resolve() == believed.resolve()), None)
         except (ValueError, RecursionError, OSError):  # no TOML, or a name that no file can have
             now = None
@@ -120,7 +120,7 @@ def _conditions(typed: str) -> dict[str, Any]:
     for part in typed.split(",") if typed.strip() else ():
         key, equals, value = part.partition("=")
         try:
-            out[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+            out[key.strip()] = parse_toml(f"v = {value}")["v"]
         except (ValueError, RecursionError):
             out[key.strip()] = value.strip()
         if not equals:

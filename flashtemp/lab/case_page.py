@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from base64 import b64encode
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.shared import command_line, link, program_lines, save_text, show_error, show_errors
 from flashtemp.lab.toml_text import edited
 from flashtemp.model.case import Case
+from flashtemp.model.case_file import parse_toml
 from flashtemp.model.schema import TABLES, declared
 from flashtemp.model.toml_value import value_text
 from flashtemp.physics.effect import Effect, Param, catalogue
@@ -125,7 +125,7 @@ class CasePage:
 
     def _raw(self) -> dict[str, Any]:
         try:
-            return tomllib.loads(self.text.value or "")
+            return parse_toml(self.text.value or "")
         except (ValueError, RecursionError):
             return {}
 
@@ -173,7 +173,7 @@ def _meant(typed: str | None) -> Any:
     if not (typed or "").strip():
         return None
     try:
-        return tomllib.loads(f"v = {typed}")["v"]
+        return parse_toml(f"v = {typed}")["v"]
     except (ValueError, RecursionError):
         return (typed or "").strip()
 

@@ -6,17 +6,16 @@ import glob
 import os
 import re
 import stat
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from flashtemp.errors import BadInput
 from flashtemp.model import kinds
+from flashtemp.model.case_file import MAX_TOML_BYTES, parse_toml
 from flashtemp.runs import folders
 
 MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
-MAX_TOML_BYTES = 2 * 2**20  # of a TOML file that the page reads; the largest case of the gallery has 4 kB
 MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
 CAMERA = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
@@ -126,7 +125,7 @@ def kind_of(file: Path) -> str:
     try:
         if not _is_short_file(file):
             return ""
-        return kinds.kind(tomllib.loads(file.read_text(encoding="utf-8"))) or default
+        return kinds.kind(parse_toml(file.read_text(encoding="utf-8"))) or default
     except (OSError, ValueError, RecursionError):
         return default
 

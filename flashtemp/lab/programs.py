@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.folder import MAX_TOML_BYTES, inside
-from flashtemp.model.case_file import own_files
+from flashtemp.model.case_file import flatten_tables, own_files, parse_toml
 
 CAMPAIGN_COMMANDS = ("compare", "discover", "plan")
 TRUST = "--trust"
@@ -47,9 +46,29 @@ def programs_of_text(text: str, folder: Path) -> list[Path]:
 
 
 def programs_of_campaign(text: str, folder: Path) -> list[Path]:
-    """Effect files that the case of a campaign with this text in `folder` lists.  Raises BadInput."""
-    case = _parse(text).get("case", "case.toml")
-    return programs_of_case(folder / case) if isinstance(case, str) else []
+    """Effect files that the case of a campaign with this text in `folder`, or a condition of it, lists.
+
+    A condition (`with`) may change every key of the case, its effects too.  Raises BadInput.
+    """
+    raw = _parse(text)
+    name = raw.get("case", "case.toml")
+    if not isinstance(name, str):
+        return []
+    case = folder / name
+    home = case if case.is_dir() else case.parent
+    entries = [entry for kind in ("recording", "force") for entry in _tables(raw.get(kind))]
+    changed = [_resolve(home / file) for e in entries for w in _tables([e.get("with")]) for file in _listed_files(w)]
+    return list(dict.fromkeys([*programs_of_case(case), *changed]))
+
+
+def _tables(value: Any) -> list[dict[str, Any]]:
+    """The tables in a list; none in what is no list."""
+    return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
+
+
+def _listed_files(conditions: dict[str, Any]) -> list[str]:
+    """Effect files among the conditions of one recording or load-cell trace."""
+    return own_files(flatten_tables(conditions))
 
 
 def programs_of_case(case: Path) -> list[Path]:
@@ -105,7 +124,7 @@ def _read(file: Path) -> str:
 
 def _parse(text: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return parse_toml(text)
     except (ValueError, RecursionError):
         return {}
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+import stat
 import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,10 @@ from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
 Known = Mapping[str, type[Effect]]
-UNREADABLE = (ValueError, RecursionError)  # what tomllib raises: also numbers and brackets beyond its limits
+UNREADABLE = (ValueError, RecursionError)  # what `parse_toml` raises: also numbers and brackets beyond its limits
+MANY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
+LARGEST_INTEGER = 2**63 - 1
+MAX_TOML_BYTES = 2 * 2**20  # the largest case of the gallery has 4 kB
 LISTS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
 
 
@@ -52,15 +57,9 @@ class Places:
 
     def line(self, dotted: str, nth: int = 1) -> int | None:
         """1-based line of a dotted key, of tables of that name the `nth`, or None for one that is not written there."""
-        prefix = ""
-        for number, raw in enumerate(self.text.splitlines(), 1):
-            line = raw.split("#", 1)[0].strip()
-            if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
-                prefix = header[1] + "."
-                nth -= header[1] == dotted
-                if header[1] == dotted and nth == 0:
-                    return number
-            elif (found := re.match(r"([\w\.\"'-]+)\s*=", line)) and prefix + found[1].strip("\"'") == dotted:
+        for number, is_table in _index_lines(self.text).get(dotted, ()):
+            nth -= is_table
+            if not is_table or nth == 0:
                 return number
         return None
 
@@ -70,11 +69,57 @@ class Places:
         return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
 
 
+@lru_cache(maxsize=8)
+def _index_lines(text: str) -> dict[str, list[tuple[int, bool]]]:
+    """1-based lines of every dotted key of a TOML text, each with whether it is the head of a table.
+
+    >>> _index_lines("title = 'a'\\n[block]\\nheight = 1")
+    {'title': [(1, False)], 'block': [(2, True)], 'block.height': [(3, False)]}
+    """
+    found: dict[str, list[tuple[int, bool]]] = {}
+    prefix = ""
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.split("#", 1)[0].strip()
+        if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
+            prefix = header[1] + "."
+            found.setdefault(header[1], []).append((number, True))
+        elif key := re.match(r"([\w\.\"'-]+)\s*=", line):
+            found.setdefault(prefix + key[1].strip("\"'"), []).append((number, False))
+    return found
+
+
+def parse_toml(text: str) -> Table:
+    """Tables of a TOML text, integers of 64 bits at most as TOML 1.0 has them.  Raises ValueError, RecursionError.
+
+    >>> parse_toml("cells = 0x10")
+    {'cells': 16}
+    >>> parse_toml("cells = 0x10000000000000000")
+    Traceback (most recent call last):
+        ...
+    ValueError: an integer has more than 64 bits
+    """
+    if MANY_PARTS.search(text):  # for which the library takes time as their square
+        raise ValueError("a key has more than 64 parts")
+    tables = tomllib.loads(text)
+    left: list[Any] = [tables]
+    while left:
+        value = left.pop()
+        if isinstance(value, int) and not -LARGEST_INTEGER - 1 <= value <= LARGEST_INTEGER:
+            raise ValueError("an integer has more than 64 bits")
+        left.extend(value.values() if isinstance(value, dict) else value if isinstance(value, list) else ())
+    return tables
+
+
 def read_toml(file: Path) -> tuple[str, Table]:
     """Text and tables of a TOML file that exists.  Raises BadInput."""
     try:
+        state = file.stat()
+        if not stat.S_ISREG(state.st_mode):  # a pipe would be waited for, a device has no end
+            raise BadInput(f"{file}: no ordinary file; give a .toml file")
+        if state.st_size > MAX_TOML_BYTES:
+            raise BadInput(f"{file}: larger than {MAX_TOML_BYTES // 2**20} MiB; give a shorter .toml file")
         text = file.read_text(encoding="utf-8")
-        return text, tomllib.loads(text)
+        return text, parse_toml(text)
     except OSError as fault:
         raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
     except UnicodeDecodeError as fault:
@@ -115,7 +160,7 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
                 f"{item} (command line): not an override; write table.key=value, for example friction.mu=0.8"
             )
         try:
-            out[key.strip()] = tomllib.loads(f"v = {text}")["v"]
+            out[key.strip()] = parse_toml(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
             out[key.strip()] = text.strip()
         except UNREADABLE as fault:

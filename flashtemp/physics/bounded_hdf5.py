@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,7 @@ import h5py
 
 from flashtemp.errors import BadInput, short
 
-MOST_ITEMS = 10_000
+MOST_ITEMS, MOST_DEPTH = 10_000, 100  # the library takes seconds for a path of a thousand groups
 MOST_TEXT = 4096  # bytes of an attribute that is looked at
 INSIDE = "save it anew with all data inside and give that"
 
@@ -28,6 +29,8 @@ def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
         count += 1
         if count > MOST_ITEMS:
             return f"more than {MOST_ITEMS} items in one file; give a part of it"
+        if _word(name).count("/") >= MOST_DEPTH:
+            return f"groups are nested more than {MOST_DEPTH} deep; give the part with the data"
         if isinstance(about, h5py.ExternalLink):
             return f"'{_word(name)}' is a link to another file ({short(str(about.filename))}); {INSIDE}"
         return None
@@ -54,12 +57,36 @@ def check(path: Any, wanted: Callable[[str], bool], allow: Callable[[int, str, b
     """Look at a file before another library reads it: `allow` hears how many numbers `wanted` datasets
     hold, which, and whether of a usual kind.
 
-    Raises BadInput as `datasets`, whatever `allow` raises, and OSError for what is no HDF5.
+    Raises BadInput as `datasets` and for what was not written to its end, whatever `allow` raises, and OSError for what
+    is no HDF5.
     """
     with h5py.File(path) as file:
         for name, found in datasets(file).items():
             if wanted(name):
                 allow(claimed(found), f"'{name}' of shape {found.shape}", usual(found))
+                if not is_complete(found):
+                    raise BadInput(f"'{name}' was not written to its end; save the file anew and give that")
+
+
+def is_complete(dataset: h5py.Dataset) -> bool:
+    """Whether all of a dataset was written, or what was not is marked as missing.
+
+    HDF5 hands out the fill value for the rest, 0 unless another is set, and readers of NetCDF lengthen a variable by it
+    to the size of its dimension.
+    """
+    is_number = dataset.dtype.kind == "f" and dataset.size
+    if "_FillValue" in dataset.attrs or (is_number and math.isnan(dataset.fillvalue)):
+        return True
+    sizes = [scale.shape for dimension in dataset.dims for scale in dimension.values()]
+    axes = [n for dimension, n in zip(dataset.dims, dataset.shape, strict=True) for _ in dimension.values()]
+    if any(len(size) == 1 and size[0] > n for size, n in zip(sizes, axes, strict=True)):
+        return False
+    if not dataset.size:
+        return True
+    if dataset.chunks:
+        needed = math.prod(-(-n // side) for n, side in zip(dataset.shape, dataset.chunks, strict=True))
+        return bool(dataset.id.get_num_chunks() >= needed)
+    return bool(dataset.id.get_storage_size() > 0)
 
 
 def claimed(dataset: h5py.Dataset) -> int:

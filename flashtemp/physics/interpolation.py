@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Sequence
@@ -14,10 +15,12 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Array, Value
-from flashtemp.physics.tables.table import TextTable, read_table
-from flashtemp.physics.tables.wanted import WantedColumn, read_wanted
+from flashtemp.physics.tables.table import read_table
+from flashtemp.physics.tables.text_table import TextTable
+from flashtemp.physics.tables.wanted import WantedColumn, notes_on_units, read_wanted
 
 Source = Any  # of a case: a CSV file's name, or rows
+LOGGER = "flashtemp.tables"  # where notes on tables go
 COMMA = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
 
 
@@ -106,24 +109,27 @@ def rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedC
 def _read_rows(
     source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
 ) -> tuple[Array, TextTable | None]:
-    """Rows of numbers and the table that they stand in, None for a list."""
+    """Rows of numbers and the table that they stand in, None for a list; notes on a table go to the log `LOGGER`."""
     count = columns if isinstance(columns, int) else len(columns)
     if not isinstance(source, (list, tuple)):
         table = _read_file(source, folder, key)
         if isinstance(columns, int):
             columns = [WantedColumn(f"number {n + 1}", "1", "") for n in range(count)]
-        return read_wanted(table, columns), table
-    data = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
-    if not data:
+        data = read_wanted(table, columns)
+        for note in (*table.notes, *notes_on_units(table, columns)):
+            logging.getLogger(LOGGER).info("%s: %s", table.where, note)
+        return data, table
+    given = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
+    if not given:
         raise BadInput(f"{key}: no rows of numbers; give {count} numbers per row, separated by commas")
-    for number, row in enumerate(data, 1):
+    for number, row in enumerate(given, 1):
         place = f"{key}: row {number}"
         if len(row) != count:
             raise BadInput(f"{place}: {row!r} has {len(row)} values; give {count} numbers per row")
         for v in row:
             if isinstance(v, bool) or not isinstance(v, (int, float)) or not math.isfinite(v):
                 raise BadInput(f"{place}: {v!r} is not a finite number; remove or repair the row")
-    return np.array(data, dtype=float), None
+    return np.array(given, dtype=float), None
 
 
 def _read_file(source: Source, folder: Path, key: str) -> TextTable:

@@ -9,13 +9,15 @@ import hashlib
 import io
 import json
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, reason
+from flashtemp.physics import bounded_hdf5
 from flashtemp.runs.processes import synced
 from flashtemp.solver.circular_track import COLUMNS
 from flashtemp.solver.field_store import Frames
@@ -24,6 +26,7 @@ from flashtemp.solver.progress import Progress
 CHECKPOINT, FRAMES, RESERVE = "checkpoint.h5", "frames.bin", "reserve.bin"
 HEAD = 512  # bytes before the HDF5 image (a user block, which HDF5 passes over): what it is, and its checksum
 MADE = b"flashtemp checkpoint 3, "  # what a head begins with; another number where other things are kept
+NUMBERS = re.compile("[<>|=]?[fiub][0-9]{1,2}")  # kinds of numpy's numbers
 SPARE = 1 << 18  # bytes, beside twice the last checkpoint, that are kept free for one when the disk is full
 
 
@@ -109,12 +112,15 @@ def load(work: Path) -> Progress:
         if data[:HEAD] != _head(data[HEAD:]):
             raise BadInput(f"--resume: {file} is damaged; start the run anew")
         with h5py.File(io.BytesIO(data[HEAD:])) as held:
+            bounded_hdf5.datasets(held)  # none of them in another file
             if held.attrs["case"] != _fingerprint(work):
                 changed = f"{work / 'case.toml'} or a file in inputs was changed since the run"
                 raise BadInput(f"--resume: {changed}; restore it or start anew")
             found = _progress(held, work)
-    except (OSError, KeyError, ValueError) as fault:
-        raise BadInput(f"--resume: {file} is damaged ({' '.join(str(fault).split())}); start the run anew") from fault
+    except BadInput:
+        raise
+    except Exception as fault:  # whoever can compute a checksum can put anything there
+        raise BadInput(f"--resume: {file} is damaged ({reason(fault)}); start the run anew") from fault
     if wrong := found.frames.damaged():
         raise BadInput(f"--resume: {wrong}; start the run anew")
     return found
@@ -142,18 +148,23 @@ def _progress(file, work: Path) -> Progress:
     records = {k: list(v[:]) for k, v in file["records"].items()} if "records" in file else {}
     if records:
         records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
+    phase, y, left = int(a["phase"]), file["y"][:], file["left"][:]
+    if phase < 0 or not np.isfinite(a["t"]) or any(v.ndim != 1 or v.dtype.kind != "f" for v in (y, left)):
+        raise ValueError("a state that no run leaves")
     columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
     fields = [(n, kind, tuple(shape)) for n, kind, shape in json.loads(a["fields"])]
+    if odd := [kind for _, kind, _ in fields if not NUMBERS.fullmatch(kind)]:  # objects would be addresses in memory
+        raise ValueError(f"fields of kind {odd[0]!r}")
     sums = [bytes(s.tolist()) for s in file["sums"][:]]
     return Progress(
         t=float(a["t"]),
-        phase=int(a["phase"]),
-        y=file["y"][:],
+        phase=phase,
+        y=y,
         records=records,
         frames=Frames(work / FRAMES, np.dtype(fields) if fields else None, sums),
         steps=int(a["steps"]),
         calls={k.removeprefix("calls_"): int(a[k]) for k in a if k.startswith("calls_")},
         wall=float(a["wall"]),
-        left=file["left"][:],
+        left=left,
         columns=columns,
     )

@@ -42,13 +42,18 @@ def _list_named_folders() -> list[str]:
 
 
 def make_safe_environment() -> dict[str, str]:
-    """Variables with which a process that this one starts imports nothing from the folder that it stands in.
+    """Variables with which a process that this one starts runs nothing from the folder that it stands in.
 
-    What the resource tracker says about processes that were killed is for programmers; it does not reach the terminal.
+    Programs such as git are searched by PATH, whose empty and relative entries mean that folder; Windows searches it
+    before PATH unless NoDefaultCurrentDirectoryInExePath is set.  What the resource tracker says about processes that
+    were killed is for programmers; it does not reach the terminal.
     """
     spoken = [w for w in os.environ.get("PYTHONWARNINGS", "").split(",") if w]
     quiet = f"ignore:{TRACKER}:UserWarning"
+    programs = [p for p in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(p)]
     return {
+        "PATH": os.pathsep.join(programs) or os.defpath,
+        "NoDefaultCurrentDirectoryInExePath": "1",
         "PYTHONSAFEPATH": "1",
         "PYTHONPATH": os.pathsep.join(_list_named_folders()),
         "PYTHONWARNINGS": ",".join([*(w for w in spoken if w != quiet), quiet]),

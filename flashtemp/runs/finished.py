@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput, reason
 from flashtemp.model import case as cases
+from flashtemp.physics import bounded_hdf5
 from flashtemp.runs import vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, load
 from flashtemp.runs.job import is_result
@@ -33,7 +35,11 @@ def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
     try:
         run = _without_fields(folder, case)
         frames, field = _fields(folder, run)
-    except (OSError, KeyError, ValueError, IndexError) as fault:
+    except BadInput as fault:
+        raise BadInput(
+            *(line if line.startswith(str(folder)) else f"{folder}: {line}" for line in fault.lines)
+        ) from fault
+    except (OSError, KeyError, ValueError, IndexError, TypeError, AttributeError, RecursionError) as fault:
         raise BadInput(f"{folder}: run.nc or its fields are damaged ({reason(fault)}); run the case anew") from fault
     return case, replace(run, frames=frames, field=field)
 
@@ -41,7 +47,8 @@ def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
 def _without_fields(folder: Path, case: cases.Case) -> Run:
     import xarray as xr
 
-    with xr.open_dataset(folder / "run.nc", engine="h5netcdf") as file:
+    bounded_hdf5.check(folder / "run.nc", lambda name: False, lambda *about: None)  # nothing of other files
+    with warnings.catch_warnings(action="ignore"), xr.open_dataset(folder / "run.nc", engine="h5netcdf") as file:
         ds = file.load()
     scene, mesh = case.scene, case.scene.mesh
     if ds.x.shape != mesh.x_block.shape or not np.allclose(ds.x, mesh.x_block, rtol=1e-9):

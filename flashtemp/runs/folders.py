@@ -8,6 +8,7 @@ import re
 import shutil
 import signal
 import socket
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -19,6 +20,7 @@ from flashtemp.runs.processes import ENDS, locked, synced
 from flashtemp.showing import UNFINISHED
 
 MARKER = ".flashtemp.json"  # in a working folder: whose it is; held locked while it is being written
+MAX_MARKER_BYTES, MAX_NAME_LETTERS = 2**16, 256
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,29 @@ def partials(out: Path) -> list[Path]:
 
 
 def owner(folder: Path) -> Owner | None:
-    """Whose working folder that is; None where no run of flashtemp made it."""
+    """Whose working folder that is; None where no run of flashtemp made it, whatever its marker holds."""
+    marker = folder / MARKER
     if folder.is_symlink() or not folder.is_dir():
         return None
     try:
-        return Owner(**json.loads((folder / MARKER).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        state = marker.lstat()  # a pipe would be waited for, a device has no end
+        if not stat.S_ISREG(state.st_mode) or state.st_size > MAX_MARKER_BYTES:
+            return None
+        found = Owner(**json.loads(marker.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
         return None
+    return found if _is_sound(found) else None
+
+
+def _is_sound(found: Owner) -> bool:
+    """Whether a marker's values are of their kinds, a command is a word, and its file one of the folder itself."""
+    texts = (found.out, found.command, found.needs, found.resume, found.process)
+    if not all(isinstance(text, str) for text in texts) or not isinstance(found.overwrite, bool):
+        return False
+    is_plain = (
+        found.needs.isprintable() and len(found.needs) < MAX_NAME_LETTERS and Path(found.needs).name == found.needs
+    )
+    return bool(re.fullmatch("[a-z]+", found.command)) and is_plain
 
 
 def left_behind(out: Path, command: str) -> list[Path]:
@@ -110,7 +128,8 @@ def _left(out: Path, go_on: Callable[[Path], bool], overwrite: bool) -> tuple[Pa
                 _empty(path)
                 return path, lock
             os.close(lock)
-            hint = f"go on with '{told.resume}', choose another folder or remove it"
+            again = f"flashtemp run --resume {out}" if told.command == "run" else "the same command"
+            hint = f"go on with '{again}', choose another folder or remove it"
             raise BadInput(f"--out: {path} holds an interrupted {told.command}; {hint}")
         os.close(lock)  # killed before there was anything to go on with
     return None
@@ -125,13 +144,29 @@ def _new(out: Path, mine: Owner) -> tuple[Path, int]:
 
 
 def hold(work: Path) -> int:
-    """Lock a working folder; close the number to let it go.  Raises BadInput where another run holds it."""
+    """Lock a working folder; close the number to let it go.
+
+    Raises BadInput where another run holds it, and where it holds what no run makes (`refuse_links`).
+    """
+    refuse_links(work)
     marker = work / MARKER
     marker.touch()
     try:
         return locked(marker)
     except BlockingIOError as fault:
         raise BadInput(f"--out: another run is writing {work}; wait for it or choose another folder") from fault
+
+
+def refuse_links(work: Path) -> None:
+    """BadInput where a working folder, or something in it, is a link, a pipe or a device.
+
+    A run makes none, and what it writes would go through them into files elsewhere.
+    """
+    inside = (Path(at) / name for at, folders, files in os.walk(work) for name in (*folders, *files))
+    for path in (work, *inside):
+        mode = path.lstat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            raise BadInput(f"{path}: a link, a pipe or a device, which no run makes; remove it or start anew")
 
 
 @contextmanager

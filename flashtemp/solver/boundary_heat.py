@@ -173,10 +173,10 @@ class BoundaryHeat:
         for site, entries in self.patched.items():
             x, y, _ = mesh.place(mesh.patches[site][0])
             at = now.at(mesh, x, y)
-            if any(np.min(np.real(part.law(np.full(len(x), T), at, p))) < 0.0 for part, p in entries):
+            if any(np.any(np.real(part.law(np.full(len(x), T), at, p)) < 0.0) for part, p in entries):
                 return True
         for part, p, cells, at in self._zones(now):
-            if np.min(np.real(part.law(np.full(cells.shape, T), at, p))) < 0.0:
+            if np.any(np.real(part.law(np.full(cells.shape, T), at, p)) < 0.0):
                 return True
         return False
 

@@ -14,6 +14,11 @@ SIDES = ("ImageHeight", "ImageWidth")
 NOT_DEGREES = ("amplitude", "phase", "difference")
 
 
+def _separator(row: str) -> str | None:
+    """What stands between the numbers of a row, where the header does not say it."""
+    return next((sign for sign in "\t;" if sign in row.strip()), "," if row.count(",") > row.count(" ") else None)
+
+
 def read(text: str, unit: str | None) -> Frames:
     """One image, degC, of the number of rows and columns that the header states."""
     head, mark, body = text.partition("[Data]")
@@ -22,8 +27,9 @@ def read(text: str, unit: str | None) -> Frames:
     if not mark or not lines:
         raise BadInput("IRBIS header without [Data]: the file is cut off; export it anew and give that")
     try:
-        separator = chr(int(pairs.get("DelimiterValue", "0x3B"), 16))
-        comma = chr(int(pairs.get("CommaValue", "0x2E"), 16)) == ","
+        separator = chr(int(pairs["DelimiterValue"], 16)) if "DelimiterValue" in pairs else _separator(lines[0])
+        point = chr(int(pairs["CommaValue"], 16)) if "CommaValue" in pairs else "." if "." in lines[0] else ","
+        comma = point == "," != separator
         stated = tuple(int(pairs[k]) for k in SIDES) if any(k in pairs for k in SIDES) else None
     except (ValueError, KeyError, OverflowError) as fault:
         raise BadInput(f"IRBIS header damaged or cut off ({short(str(fault))}); {AGAIN}") from fault

@@ -6,7 +6,6 @@ several images in one file.  All of it is recognised, and what was recognised is
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,13 +21,14 @@ from flashtemp.camera.formats.text_layout import AGAIN, SEPARATORS, Layout, read
 from flashtemp.camera.raw_frames import UNSCALED, Frames, celsius, linear, temperature_unit
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_reading
+from flashtemp.physics.tables.encoding import mend_signs, utf16_without_mark
 
 PER_BYTE = 25.0  # bytes of memory while a byte of text becomes numbers
 NO_TEXT = "no text with a matrix of temperatures; choose a file of a kind listed in docs/camera.md"
+NO_TEMPERATURE = -273.0  # degC: absolute zero, of a pixel without a value, in whole degrees or finer
 ALIKE = str.maketrans(
     {"−": "-", "\u00a0": " ", "\u202f": " ", "℃": "°C", "℉": "°F", "º": "°", "˚": "°", "\ufeff": None}
 )
-LOST_DEGREE = re.compile(r"&deg;|Â°|(?<=[\s\d(\[;,\t\"])[?\ufffd](?=[CFK](?!\w))")  # by a change of encoding
 COLDEST_MEDIAN = -100.0  # degC: colder than any scene of a camera
 
 
@@ -79,6 +79,9 @@ def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=No
         plausible.matrix(one.values, head.size, rows, labels is not None)
     values = np.stack([one.values for one in trimmed])
     T, remark = _temperatures(values, head, found.unit, unit, scale, offset)
+    if (zero := T <= NO_TEMPERATURE).any():
+        notes.append(f"{zero.sum()} pixels at absolute zero left out")
+        T = np.where(zero, np.nan, T)
     marked = np.isnan(T)
     ends = below >= T if below is not None else np.stack([plausible.clipped(image) for image in T])
     if below is None and ends.any():
@@ -190,7 +193,7 @@ def decode_text(data: bytes) -> str:
     """Text in whatever encoding an export uses, without its byte order mark; NULs stay."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", "replace")
-    elif order := _wide(data[:200]):
+    elif order := utf16_without_mark(data[:200]):
         text = data.decode(order, "replace")
     else:
         try:
@@ -204,15 +207,11 @@ def decode_text(data: bytes) -> str:
 
 def is_text(start: bytes) -> bool:
     """Whether a file that begins so can be text: its only NULs are at its end, or every other byte is one."""
-    return b"\0" not in start.rstrip(b"\0") or start[:2] in (b"\xff\xfe", b"\xfe\xff") or _wide(start[:200]) is not None
-
-
-def _wide(start: bytes) -> str | None:
-    """The encoding of a text of two bytes per letter without a byte order mark: every other byte is 0."""
-    even, odd = start[0::2], start[1::2]
-    if len(start) > 8 and not any(odd) and all(even):
-        return "utf-16-le"
-    return "utf-16-be" if len(start) > 8 and not any(even) and all(odd) else None
+    return (
+        b"\0" not in start.rstrip(b"\0")
+        or start[:2] in (b"\xff\xfe", b"\xfe\xff")
+        or utf16_without_mark(start[:200]) is not None
+    )
 
 
 def _usable(text: str) -> tuple[str, list[str]]:
@@ -229,5 +228,5 @@ def _usable(text: str) -> tuple[str, list[str]]:
             f" {NO_TEXT}"
         )
     if not text.isascii() or "&deg;" in text or "?" in text:
-        text = LOST_DEGREE.sub("°", text.translate(ALIKE))
+        text = mend_signs(text.translate(ALIKE))
     return text, notes

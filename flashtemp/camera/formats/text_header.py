@@ -31,7 +31,8 @@ OF_LENGTH = re.compile(
 STATEMENTS = tuple(
     re.compile(pattern, re.IGNORECASE)
     for pattern in (
-        rf"{_KEYWORD}\b(?:\s?(?:of|der|von|de)\s[a-zäöü ]{{0,30}})?{_GAP}(?P<unit>{_NAME}|[CFK](?!\w))",
+        rf"{_KEYWORD}\b(?:\s?(?:of|der|von|de)\s[a-zäöü ]{{0,30}})?{_GAP}(?:temp\w*{_GAP})?"
+        rf"(?P<unit>{_NAME}|[CFK](?!\w))",
         rf"(?<!\w){_VALUE_WORD}[^()\[\]{{}}\d:;=\t]{{0,25}}[\[({{]\s?(?P<unit>{_ANY})\s?[\])}}]",
         rf"[\[({{]\s?(?P<unit>{_NAME})\s?[\])}}]",
         rf"(?:^|[;,\t])\s*\"?[\[({{]\s?(?P<unit>{_ANY})\s?[\])}}]\"?\s*(?:$|[;,\t])",

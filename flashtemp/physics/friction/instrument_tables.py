@@ -18,7 +18,7 @@ from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.tables.cells import is_missing, parse_number
-from flashtemp.physics.tables.table import read_text
+from flashtemp.physics.tables.table import WORD_WITH_UNIT, read_text
 
 DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
 NO_UNIT = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
@@ -214,6 +214,8 @@ def _splits(line: str, width: int, separator: str) -> Iterator[list[str]]:
     yield re.split(r"\s{2,}", line.strip())
     if len(line.split()) == width:
         yield line.split()
+    if separator == " ":
+        yield WORD_WITH_UNIT.findall(line)
 
 
 def _recognised(parts: list[str], quantities: Value) -> dict[str, tuple[int, str, str | None]]:

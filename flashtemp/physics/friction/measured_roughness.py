@@ -59,7 +59,7 @@ DENSITY = Quantity(
 )
 DISTANCE = Quantity(
     "distance",
-    r"[xX]|(?:x|distance|position|pos|length|abscissa|lateral|scan|travel|displacement|horizontal|axis|coordinate|weg){1,6}",
+    r"[xX]|(?:x|distance|position|pos|length|abscissa|lateral|scan|travel|path|displacement|horizontal|axis|coordinate|weg){1,6}",
     {k: (f, 0.0) for k, f in LENGTHS.items()}, ((ANY, "m"),), "x (mm)",
 )  # fmt: skip
 HEIGHT = Quantity(

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 
+import numpy as np
+
 MAX_NUMBER_LETTERS = 100
-NUMBERS = {  # by whether commas are decimal; "20." is a number, "20," may be the end of a list
-    False: re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
-    True: re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
+NUMBERS = {  # by whether commas are decimal; "20." is a number, "20," may be the end of a list; formats pad "+ 22.5"
+    False: re.compile(r"(?:[-+] {0,8})?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
+    True: re.compile(r"(?:[-+] {0,8})?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
 }
 UNIT_SUFFIX = re.compile(r"[ \u00a0]*((?:°|º|deg[ _]?)[CFK]|[CFK℃℉]|ms|msec|s|sec|min|h)$")
 SCPI_MARK = re.compile(r"[-+]?9[.,]9(?:10*|0*)[eE]\+?37")
+_OF_DIGITS = re.compile(r"[eE]\+?37")
+_ZEROS = str.maketrans("123456789", "000000000")
+PLAIN = frozenset("0123456789+-.eE")  # of these, float() reads what `parse_number` does
 MISSING = re.compile(
     r"""
     (?=[^-]*-)[-.\ ]+ | \*+ | \?+ | \++ | \#{2,} | [<>].*
@@ -27,13 +33,39 @@ MISSING = re.compile(
     re.IGNORECASE | re.VERBOSE,
 )
 DATE = (
-    r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2})"
-    r"|\d{1,2}[-/. ]{1,2}[^\W\d]{3,9}\.?[-/., ]{1,2}\d{2,4}|[^\W\d]{3,9}\.? {1,2}\d{1,2},? {1,2}\d{4})"
+    r"(?:[0-9]{4}[-/.][0-9]{1,2}[-/.][0-9]{1,2}|[0-9]{1,2}[-/.][0-9]{1,2}[-/.](?:[0-9]{4}|[0-9]{2})"
+    r"|[0-9]{1,2}[-/. ]{1,2}[^\W\d]{3,9}\.?[-/., ]{1,2}[0-9]{2,4}|[^\W\d]{3,9}\.? {1,2}[0-9]{1,2},? {1,2}[0-9]{4})"
 )
-CLOCK = r"\d{1,4}:\d{2}(?::\d{2})?(?:[.,:]\d{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
+CLOCK = r"[0-9]{1,4}:[0-9]{2}(?::[0-9]{2})?(?:[.,:][0-9]{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
 LOOKS_LIKE_TIME = re.compile(
-    rf"\W{{0,2}}{DATE}\b.{{0,40}}|(?:\d+ days?,? )?\W{{0,2}}{CLOCK}\b.{{0,20}}", re.ASCII | re.DOTALL
+    rf"\W{{0,2}}{DATE}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK}(?:\b|(?=Z)).{{0,20}}", re.DOTALL
 )
+
+
+def shape_of(text: str) -> str:
+    """A text with 0 for every digit: what a cell is depends on its shape, unless `has_marks_of_digits`.
+
+    >>> shape_of("2024-05-31 14:03;22.5 °C")
+    '0000-00-00 00:00;00.0 °C'
+    """
+    return text.translate(_ZEROS)
+
+
+def has_marks_of_digits(text: str) -> bool:
+    """Whether a text may hold marks of a missing value that certain digits make, as 9.9E37 and 1.#QNAN."""
+    return "#" in text or _OF_DIGITS.search(text) is not None
+
+
+def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
+    """The numbers (n,) of cells of plain numbers with a point, as `parse_number`; None where one is not plain."""
+    if not set("".join(cells)) <= PLAIN:
+        return None
+    try:
+        values = np.array(list(map(float, cells)))
+    except ValueError:
+        return None
+    longest = max(map(len, cells), default=0)
+    return values if longest <= MAX_NUMBER_LETTERS and np.all(np.isfinite(values)) else None
 
 
 def parse_number(cell: str, comma: bool) -> float | None:
@@ -41,13 +73,15 @@ def parse_number(cell: str, comma: bool) -> float | None:
 
     >>> parse_number("1e3", False), parse_number("2,5", True), parse_number("2,5", False), parse_number("1_0", False)
     (1000.0, 2.5, None, None)
+    >>> parse_number("+  22.5", False), parse_number("- 1,5D+01", True), parse_number("2 2.5", False)
+    (22.5, -15.0, None)
     """
     if len(cell) > MAX_NUMBER_LETTERS or not NUMBERS[comma].fullmatch(cell):
         return None
     try:
         value = float(cell)
-    except ValueError:  # a decimal comma, or an exponent of FORTRAN
-        value = float(cell.replace(",", ".").replace("d", "e").replace("D", "e"))
+    except ValueError:  # a decimal comma, an exponent of FORTRAN, blanks behind the sign
+        value = float(cell.replace(",", ".").replace("d", "e").replace("D", "e").replace(" ", ""))
     return value if math.isfinite(value) else None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flashtemp.physics.tables.cells import is_value
 
@@ -26,8 +27,7 @@ class Dialect:
         return f"{NAMES[self.separator]} between the values" + (", decimal commas" if self.comma else "")
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """A line of a file: its number from 1, its text and its cells."""
 
     number: int
@@ -66,6 +66,14 @@ def _quoted(line: str, separator: str) -> list[str]:
 
 def split_lines(lines: Sequence[str], dialect: Dialect) -> list[Line]:
     """Lines with their cells; a quoted cell may go over some lines."""
+    if not any('"' in line for line in lines):
+        sign = dialect.separator
+        if sign == " ":
+            return [Line(number, text, tuple(text.split())) for number, text in enumerate(lines, 1)]
+        return [
+            Line(number, text, tuple([c.strip() for c in text.split(sign)]) if text and not text.isspace() else ())
+            for number, text in enumerate(lines, 1)
+        ]
     out: list[Line] = []
     at = 0
     while at < len(lines):

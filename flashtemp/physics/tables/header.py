@@ -21,7 +21,7 @@ _COMMON = (  # of a line of units, and of columns named by their unit alone
 )
 COMMON_UNITS = frozenset(_COMMON.split(" "))
 TIME_WORDS = (
-    "time|t|zeit|times|times?tamps?|elapsed|elapsedtime|runtime|reltime|relativetime|abstime|absolutetime|datetime|datetimes?|"
+    r"time|t|zeit|(?:time|zeit)\d{1,3}(?:defaultsamplerate)?|times|times?tamps?|elapsed|elapsedtime|runtime|reltime|relativetime|abstime|absolutetime|datetime|datetimes?|"
     "datumzeit|datumuhrzeit|datumundzeit|dateandtime|datezeit|date|datum|uhrzeit|clock|clocktime|timeofday|localtime|"
     "utctime|utc|seconds?|secs?|sekunden?|minutes?|minuten?|hours?|stunden?|milliseconds?|millisekunden?|xvalue|epoch|"
     "unixtime|unixtimestamp|unix|posix|posixtime|heure|tiempo|tempo|hora|fecha|moment|messzeit|laufzeit|hhmmss|"
@@ -33,9 +33,13 @@ DATE_NAME = re.compile(r"date|datum|fecha|day|tag|datetimes?|datumzeit|datumuhrz
 CLOCK_NAME = re.compile(r"uhrzeit|clock|clocktime|timeofday|localtime|utctime|heure|hora|hhmmss|timehhmmss|時刻")
 COUNTER_NAME = re.compile(
     r"no|nr|num|number|n|#|scans?|scanno|scannumber|scansweepnumber|sample|samples|sampleno|samplenumber|index|idx|"
-    r"id|record|recordno|recordnumber|rec|reading|readingno|readingnumber|row|line|point|points|datapoint|counts?|"
+    r"id|entryid|rowid|recordid|record|recordno|recordnumber|rec|reading|readingno|readingnumber|row|line|point|points|datapoint|counts?|"
     r"counter|messung|messungnr|messpunkt|lfdnr|lfd|zeile|nummer|punkt|measurement|measurementno|entry|seq|sequence|"
     r"frame|frameno|番号"
+)
+STATUS_NAME = re.compile(
+    r"(?:\w*alarm\w*|st|stat|status\w*|state|flags?|events?|markers?|logic|pulse|dio|trigger|quality|valid"
+    r"|cjc?|coldjunction\w*|vergleichsstelle)\d*"
 )
 MILLISECOND_NAME = re.compile(r"ms|msec|msecs|millis|millisecs?|milliseconds?|millisekunden?|millitm|subseconds?ms")
 
@@ -70,7 +74,8 @@ def is_unit_text(text: str, wanted: str) -> bool:
 
 
 def _spelled(text: str) -> str:
-    """A unit with a line for the low line that names of columns have: "mm_s" is "mm/s"."""
+    """A unit with a line for the low line that names of columns have: "mm_s" is "mm/s", but "deg_C" is "deg C"."""
+    text = re.sub(r"(?i)(?<=deg|ree)_(?=[cfk]$)", " ", text)
     return re.sub(r"(?<=[^\W\d_])_(?=[^\W\d_])", "/", text)
 
 
@@ -95,6 +100,8 @@ def split_label(label: str, wanted: str) -> tuple[str, str]:
     (('Temp', 'K'), ('speed', 'm_s'), ('Uhrzeit', ''))
     >>> split_label("TC1 (mV)", "degC"), split_label("front", "degC"), split_label("degC_5.72mm", "degC")
     (('TC1', 'mV'), ('front', ''), ('degC_5.72mm', 'degC'))
+    >>> split_label("Temp, °F (LGR S/N: 12)", "degC"), split_label("type K (mV)", "degC")
+    (('Temp', '°F'), ('type K', 'mV'))
     """
     if len(label) > MAX_NAME_LETTERS:
         return label, ""
@@ -103,9 +110,12 @@ def split_label(label: str, wanted: str) -> tuple[str, str]:
     for start, _, text in reversed(groups):
         if is_unit_text(text, wanted):
             return label[:start].strip(), text
-    if groups:
-        return label[: groups[0][0]].strip(), groups[-1][2]
     plain = without_brackets(label)
+    if groups:
+        name, unit = _split_suffix(plain, wanted)
+        if unit and name != unit and all(":" in text for *_, text in groups):  # remarks such as "LGR S/N: 12"
+            return name, unit
+        return label[: groups[0][0]].strip(), groups[-1][2]
     return _split_suffix(plain or label.strip(" ()[]{}<>") or label, wanted)
 
 
@@ -183,7 +193,19 @@ def is_time_label(column: Column) -> bool:
         return name.strip() == "t" or is_unit_text(unit, "s")
     if TIME_NAME.fullmatch(bare) or TIME_NAME.fullmatch(bare_name(without_brackets(column.label))):
         return True
+    if unit in ("Min", "MIN") or (is_common_unit(column.unit_cell) and not is_unit_text(column.unit_cell, "s")):
+        return False  # a minimum: the symbol of the minute is "min" (SI Brochure, table 8)
     return bool(unit) and (is_unit_text(unit, "s") or bool(FORMAT_HINT.fullmatch(unit)))
+
+
+def is_common_unit(text: str) -> bool:
+    """Whether a text is a unit that rows of units have, words in letters of either case."""
+    return text in COMMON_UNITS or (len(text) > 3 and text.casefold() in COMMON_UNITS)
+
+
+def is_status_label(column: Column) -> bool:
+    """Whether a label says that no thermocouple stands there: "Alarm 101", "Status", "Events", "CJC"."""
+    return STATUS_NAME.fullmatch(bare_name(column.label)) is not None
 
 
 def is_counter_label(column: Column) -> bool:

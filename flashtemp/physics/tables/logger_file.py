@@ -7,7 +7,8 @@ from pathlib import Path
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables import lvm, tdms
 from flashtemp.physics.tables.encoding import decode_text
-from flashtemp.physics.tables.table import TextTable, parse_table
+from flashtemp.physics.tables.table import parse_table
+from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis
 
 

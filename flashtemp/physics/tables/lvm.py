@@ -17,7 +17,7 @@ from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number
 from flashtemp.physics.tables.dialect import Dialect
 from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.time_axis import LABVIEW_EPOCH_S, TimeAxis
 from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 

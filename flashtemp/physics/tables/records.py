@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from flashtemp.physics.tables.cells import parse_number
 from flashtemp.physics.tables.encoding import decode_text
 
 SEPARATORS = (",", ";", "\t")
+SEP_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # of spreadsheets, their first line
+DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(?=\d)")
 
 
 @dataclass(frozen=True)
@@ -27,9 +30,15 @@ class Record:
         value = parse_number(cell, False)
         return parse_number(cell, True) if value is None and self.comma else value
 
+    def with_point(self, cell: str) -> str:
+        """A cell that begins with a number, perhaps with a unit behind, with a point for its decimal comma."""
+        return DECIMAL_COMMA.sub(r"\1.", cell) if self.comma else cell
+
 
 def read_records(path: Path, where: str, remedy: str) -> list[Record]:
     """The lines of a table under its first one, which names the columns; empty lines and comments are left out.
+
+    So are a line "sep=;" at the top and a separator at the end of every line.
 
     Raises BadInput, beginning with `where` and ending with `remedy`, for files without text and for lines that have
     more or fewer cells than there are names.
@@ -39,6 +48,7 @@ def read_records(path: Path, where: str, remedy: str) -> list[Record]:
         raise BadInput(f"{where}: nothing in it; {remedy}")
     lines = bounded_reading.lines(decode_text(data, where), where)
     filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    filled = [(n, line) for n, line in filled if n > 1 or not SEP_LINE.fullmatch(line.strip())]
     if not filled:
         raise BadInput(f"{where}: nothing in it; {remedy}")
     separator = max(SEPARATORS, key=filled[0][1].count)
@@ -46,6 +56,8 @@ def read_records(path: Path, where: str, remedy: str) -> list[Record]:
         table = [(n, [c.strip() for c in next(csv.reader([line], delimiter=separator), [])]) for n, line in filled]
     except csv.Error as fault:
         raise BadInput(f"{where}: no text of cells; {remedy}") from fault
+    while len(table[0][1]) > 1 and all(len(cells) == len(table[0][1]) and not cells[-1] for _, cells in table):
+        table = [(n, cells[:-1]) for n, cells in table]  # a separator at the end of every line
     names = table[0][1]
     if repeated := next((n for n in names if names.count(n) > 1), None):
         raise BadInput(f"{where}: two columns {repeated!r}; {remedy}")

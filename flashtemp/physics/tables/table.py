@@ -9,18 +9,25 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from flashtemp.errors import BadInput, short
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables import header
-from flashtemp.physics.tables.cells import is_missing, is_value, parse_number, split_suffix
+from flashtemp.physics.tables.cells import (
+    has_marks_of_digits,
+    is_missing,
+    is_value,
+    parse_number,
+    shape_of,
+    split_suffix,
+)
 from flashtemp.physics.tables.dialect import NAMES, Dialect, Line, detect_dialect, split_cells, split_lines
 from flashtemp.physics.tables.encoding import decode_text
 from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.records import SEP_LINE
+from flashtemp.physics.tables.text_table import TextTable
 
 HEADER_LINES = 6  # above the rows, among which names and units are looked for
 COMMENTS = ("#", "%", "//")
@@ -29,84 +36,10 @@ STATISTICS = re.compile(
     r"range|rms|minimum|maximum|moyenne|end|ende|eof|mean value|st\.? ?dev\.?|std\.? ?dev\.?)\W{0,3}(?:of\b.*)?",
     re.IGNORECASE,
 )
-SCPI_FROM = 9e37  # numbers from here on may be marks
+WORD_WITH_UNIT = re.compile(r"[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?")
+OF_TOA5 = ("TS", "RN")  # time stamp and record number in its row of units
+MAX_REMARKS, MAX_REMARK_LETTERS = 200, 300  # of lines around a table that are kept
 AGAIN = "give a whole copy or export it anew"
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """Rows of cells under named columns.  `where` begins messages, `lines` are the numbers of the rows' lines.
-
-    `preamble` are pairs of what stands above the table, `notes` say for people what was left out of it.
-    """
-
-    where: str
-    dialect: Dialect
-    columns: tuple[Column, ...]
-    rows: list[tuple[str, ...]]
-    lines: list[int]
-    preamble: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
-    has_header: bool = False
-    text_columns: frozenset[int] = field(default=frozenset())
-
-    def cells(self, column: Column) -> list[str]:
-        """The cells of a column."""
-        return [row[column.number - 1] for row in self.rows]
-
-    def place(self, row: int) -> str:
-        """Where a row (from 0) stands, for messages."""
-        return f"{self.where}:{self.lines[row]}"
-
-    def numbers(self, column: Column) -> np.ndarray:
-        """The numbers of a column (rows,), NaN for missing ones and infinity for words; units in cells are left out."""
-        comma = self.dialect.comma
-        return np.array([_number_of(cell, comma) for cell in self.cells(column)], dtype=float)
-
-    def quantity(self, column: Column, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
-        """Numbers of a column in the unit `wanted`, and the unit in which they stand there, "" where none is stated.
-
-        `unit` takes the place of what the file says.  Raises BadInput, naming line and cell, for words among the
-        numbers and for units of another dimension.
-        """
-        values = self.numbers(column)
-        if np.isinf(values).any():
-            k = int(np.argmax(np.isinf(values)))
-            cell = self.rows[k][column.number - 1]
-            raise BadInput(
-                f"{self.where}:{self.lines[k]}: {short(repr(cell))} in {_named(column)} is no number; repair that row"
-            )
-        stated = {split_suffix(c)[1] for c in self.cells(column) if c and not c[-1].isdigit() and not is_missing(c)} - {
-            ""
-        }
-        if len(stated) > 1:
-            raise BadInput(f"{self.where}: {column}: units {' and '.join(sorted(stated))} in one column; give one unit")
-        if unit is None:
-            header.check_units_agree(column, wanted, self.where)
-        unit = unit or (stated.pop() if stated else header.column_unit(column, wanted)[1])
-        if unit.casefold() in header.NO_UNIT:
-            return values, ""
-        factor, offset = header.convert_unit(unit, wanted, f"{self.where}: {column}")
-        return values * factor + offset, unit
-
-    def every(self, step: int) -> TextTable:
-        """The same with one row of `step`."""
-        return self if step == 1 else replace(self, rows=self.rows[::step], lines=self.lines[::step])
-
-
-def _number_of(cell: str, comma: bool) -> float:
-    """The number of a cell, NaN where it is missing, infinity for a word."""
-    value = parse_number(cell, comma)
-    if value is not None and abs(value) < SCPI_FROM:
-        return value
-    if is_missing(cell):
-        return np.nan
-    value = parse_number(split_suffix(cell)[0], comma)
-    return np.inf if value is None else value
-
-
-def _named(column: Column) -> str:
-    return f"column {column.number}"
 
 
 def read_text(path: Path, where: str) -> str:
@@ -122,28 +55,51 @@ def parse_table(text: str, where: str, comma: bool | None = None, of_logger: boo
     values and for lines that cannot belong to them.
     """
     raw = bounded_reading.lines(text, where)
-    skipped = 1 if raw and re.fullmatch(r'"?sep=.?"?', raw[0].strip()) else 0  # of spreadsheets
+    skipped = 1 if raw and SEP_LINE.fullmatch(raw[0].strip()) else 0
     body = [*[""] * skipped, *raw[skipped:]]
     dialect = detect_dialect(body, comma)
     if dialect is None:
         raise BadInput(f"{where}: no rows of numbers in it; give a table with a line per reading")
     block = _Block(split_lines(body, dialect), dialect, where, of_logger)
     table = block.table()
+    if of_logger and comma is None:
+        _no_thousands(table)
     if of_logger and text[-1] not in "\r\n":
         _no_loose_end(table, len(raw))
     return table
 
 
+def _no_thousands(table: TextTable) -> None:
+    """BadInput for a column whose decimals may be groups of thousands: 1.000 or more grouped, below 1000 none."""
+    sign = "," if table.dialect.comma else "."
+    grouped = re.compile(rf"-?[1-9]\d{{0,2}}(?:\{sign}\d{{3}})+", re.ASCII)
+    for column in table.columns:
+        first = next((cell for cell in table.cells(column) if cell), "")
+        if not (first.isdecimal() or grouped.fullmatch(first)):
+            continue
+        shapes = {cell for cell in table.cells(column) if cell}
+        small = {cell for cell in shapes if cell.isdecimal() and len(cell) < 4}
+        if small and shapes != small and all(map(grouped.fullmatch, shapes - small)):
+            cell = next(c for c in table.cells(column) if c in shapes - small)
+            raise BadInput(
+                f"{table.where}: {cell!r} in {column} may be a whole number with a sign of thousands; give --decimal"
+                f" {'comma' if sign == ',' else 'point'} if it is not, else export without that sign"
+            )
+
+
 def _no_loose_end(table: TextTable, last_line: int) -> None:
-    """BadInput where a text ends inside its last number: without a line end, with fewer decimals than all others."""
-    if table.lines[-1] != last_line or len(table.rows) < 3:
+    """BadInput where a text ends inside its last number: without a line end, shorter than all others."""
+    if table.lines[-1] != last_line or len(table.rows) < 2:
         return
     sign = "," if table.dialect.comma else "."
     number = max(set(range(len(table.columns))) - {n - 1 for n in table.text_columns}, default=0)
     cells = [row[number] for row in table.rows]
-    decimals = {len(c.partition(sign)[2]) for c in cells[:-1] if parse_number(c, table.dialect.comma) is not None}
-    lost = not cells[-1] and all(cells[:-1])
-    if lost or (len(decimals) == 1 and len(cells[-1].partition(sign)[2]) < decimals.pop()):
+    others = {split_suffix(shape_of(c)) for c in cells[:-1]}
+    decimals = {len(c.partition(sign)[2]) for c, _ in others if parse_number(c, table.dialect.comma) is not None}
+    last, unit = split_suffix(cells[-1])
+    lost = (not last and all(cells[:-1])) or (not unit and all(u for _, u in others))
+    fewer = len(table.rows) > 2 and len(decimals) == 1 and len(last.partition(sign)[2]) < decimals.pop()
+    if lost or fewer:
         raise BadInput(f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {AGAIN}")
 
 
@@ -158,15 +114,19 @@ class _Block:
 
     def table(self) -> TextTable:
         """Rows, header and what is above them."""
-        self.values = {line.number: [is_value(c, self.dialect.comma) for c in line.cells] for line in self.lines}
+        self.shapes = self._shapes()
+        of_shape = {s: [is_value(c, self.dialect.comma) for c in line.cells] for s, line in self._kinds()}
+        self.values = {line.number: of_shape[s] for s, line in zip(self.shapes, self.lines, strict=True)}
         self.width, self.value_columns = self._shape()
         if not self.value_columns:
             raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
-        self.good = {line.number for line in self.lines if self._fills_row(line)}
+        full = {shape: self._fills_row(line) for shape, line in self._kinds()}
+        self.good = {line.number for shape, line in zip(self.shapes, self.lines, strict=True) if full[shape]}
         start = next((k for k, line in enumerate(self.lines) if self._is_row(line)), None)
         if start is None:
             raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
         columns, header_lines, top = self._header(start)
+        self.left_out = self.lines[:top]
         rows, notes = self._rows(start, header_lines)
         if self.dialect.separator == ",":
             self._no_decimal_commas(rows, bool(header_lines))
@@ -176,13 +136,27 @@ class _Block:
         ):
             width -= 1  # a separator at the end of every line
         width = max(width, *(c.number for c in columns if c.label), 1) if header_lines else width
-        cells = [tuple((*line.cells, *[""] * self.width)[:width]) for line in rows]
+        cells = [line.cells if len(line.cells) == width else (*line.cells, *[""] * self.width)[:width] for line in rows]
         known = columns[:width] if header_lines else [Column(k + 1) for k in range(width)]
         return TextTable(
             self.where, self.dialect, tuple(known), cells, [line.number for line in rows],
             tuple(_pairs_of(self.lines[:top], self.dialect)), tuple(notes), bool(header_lines),
             frozenset(k + 1 for k in range(width) if k not in self.value_columns),
+            tuple((line.number, line.text[:MAX_REMARK_LETTERS]) for line in self.left_out[:MAX_REMARKS]),
         )  # fmt: skip
+
+    def _shapes(self) -> list[str]:
+        """The shape of every line: lines of one shape are alike in what their cells are."""
+        whole = "\n".join([line.text for line in self.lines])
+        if not has_marks_of_digits(whole) and whole.count("\n") == len(self.lines) - 1:
+            return shape_of(whole).split("\n")
+        if has_marks_of_digits(whole):
+            return [line.text if has_marks_of_digits(line.text) else shape_of(line.text) for line in self.lines]
+        return [shape_of(line.text) for line in self.lines]
+
+    def _kinds(self) -> list[tuple[str, Line]]:
+        """Every shape with a line of it."""
+        return list(dict(zip(self.shapes, self.lines, strict=True)).items())
 
     # --- rows ---------------------------------------------------------------------------------------
     def _values(self, line: Line) -> list[bool]:
@@ -191,23 +165,24 @@ class _Block:
     def _shape(self) -> tuple[int, list[int]]:
         """The usual number of cells of lines that are mostly values, and the columns (from 0) that hold values."""
         counts: Counter[int] = Counter()
-        mostly: list[tuple[Line, list[bool]]] = []
+        mostly: list[tuple[Line, list[bool], int]] = []
+        times = Counter(self.shapes)
         for share in (0.5, 0.0):
-            for line in self.lines:
+            for shape, line in self._kinds():
                 values = [] if _is_comment(line) else self._values(line)
                 filled = sum(1 for c in line.cells if c)
                 if sum(values) > share * filled:
-                    mostly.append((line, values))
-                    counts[len(line.cells)] += 1
+                    mostly.append((line, values, times[shape]))
+                    counts[len(line.cells)] += times[shape]
             if counts:
                 break
-        named = {len(line.cells) for line in self.lines if len(line.cells) > 1 and not any(self._values(line))}
+        named = {len(line.cells) for _, line in self._kinds() if len(line.cells) > 1 and not any(self._values(line))}
         width = max(counts, key=lambda n: (counts[n], n in named, n))
-        alike = [(line, values) for line, values in mostly if len(line.cells) == width]
+        alike = [(line, values, count) for line, values, count in mostly if len(line.cells) == width]
         columns = []
         for k in range(width):
-            filled = sum(1 for line, _ in alike if line.cells[k])
-            if 2 * sum(values[k] for _, values in alike) > filled > 0:
+            filled = sum(count for line, _, count in alike if line.cells[k])
+            if 2 * sum(count for _, values, count in alike if values[k]) > filled > 0:
                 columns.append(k)
         return width, columns
 
@@ -224,7 +199,7 @@ class _Block:
 
     def _rows(self, start: int, names: list[Line]) -> tuple[list[Line], list[str]]:
         """The rows of the block, and notes on what stands between and below them.  Raises BadInput."""
-        last = max(k for k in range(start, len(self.lines)) if self._is_row(self.lines[k]))
+        last = next(k for k in range(len(self.lines) - 1, -1, -1) if self._is_row(self.lines[k]))
         known = {line.cells for line in names}
         rows: list[Line] = []
         notes: list[str] = []
@@ -241,7 +216,10 @@ class _Block:
             if self._has_room(line) and not self._is_aside(line, k > last, above):
                 rows.append(line)
             else:
+                if rows:
+                    self._no_row_of_words(line, rows[-1])
                 notes.append(self._note_of(line, k > last, bool(any(above.cells)) and rows[-1] is above))
+                self.left_out.append(line)
             above = line
         return rows, notes
 
@@ -260,11 +238,25 @@ class _Block:
         """Whether a line of the right width is a remark, names again or a statistic, not a row that is damaged."""
         values = self._values(line)[: self.width]
         if not any(values[k] for k in self.value_columns if k < len(values)):
-            return True
+            return not _is_numeric(line.text)
         word = next((c for c in line.cells if c), "")
         if not self._is_word(word):
             return False
         return below and (not any(above.cells) or STATISTICS.fullmatch(word.strip()) is not None)
+
+    def _no_row_of_words(self, line: Line, row: Line) -> None:
+        """BadInput for a line that begins as a row does with digits, as a date in words, but has other cells."""
+        first = next(iter(line.cells), "")
+        if any(c.isdigit() for c in first) and shape_of(first) == shape_of(row.cells[0]):
+            raise BadInput(self._damaged(line))
+
+    def _damaged(self, line: Line) -> str:
+        """What is said of a line that has another number of cells than the rows."""
+        text = short(" ".join(line.text.split()))[:60]
+        return (
+            f"{self.where}:{line.number}: {text!r} has {len(line.cells)} values, others {self.width}; the file is cut"
+            f" off or damaged there: repair that line, or {AGAIN}"
+        )
 
     def _note_of(self, line: Line, below: bool, directly: bool) -> str:
         """A note on a line that is no row; BadInput where it may be a damaged one or the names of another table."""
@@ -274,12 +266,12 @@ class _Block:
         text = short(" ".join(line.text.split()))[:60]
         word = next(iter(filled), "")
         wordy = self._is_word(word)
-        if not any(values) or (below and wordy and (not directly or STATISTICS.fullmatch(word.strip()))):
+        empty = not any(values) and not _is_numeric(line.text)
+        if empty or (below and wordy and (not directly or STATISTICS.fullmatch(word.strip()))):
             if not below and len(filled) > 1 and len(line.cells) >= self.width and self.width > 1:
                 raise BadInput(f"{place}: {text!r} begins a second table; give one table per file")
             return f"line {line.number} left out: {text!r}"
-        kind = f"has {len(line.cells)} values, others {self.width}"
-        raise BadInput(f"{place}: {text!r} {kind}; the file is cut off or damaged there: repair that line, or {AGAIN}")
+        raise BadInput(self._damaged(line))
 
     def _no_decimal_commas(self, rows: list[Line], headed: bool) -> None:
         """BadInput where commas between whole numbers could be decimal commas and no header counts the columns."""
@@ -309,6 +301,8 @@ class _Block:
                 self._no_other_row(line)
             cells = self._names(line.text.lstrip("#%/ ") if comment and line.cells[0] != "#" else line.text)
             if cells is None:
+                if not found and not comment:
+                    self._no_damaged_first_row(k, self.lines[start])
                 if found or not _is_rule(line):
                     break
                 continue
@@ -368,6 +362,16 @@ class _Block:
             f" {short(repr(wrong[0]))} in column {column} is no number: repair it"
         )
 
+    def _no_damaged_first_row(self, k: int, row: Line) -> None:
+        """BadInput for a line between names of all columns and the first row that holds values or begins as rows."""
+        above = next((line for line in reversed(self.lines[:k]) if any(line.cells)), None)
+        line = self.lines[k]
+        if above is None or _is_comment(above) or not any(c.isdigit() for c in line.text):
+            return
+        alike = any(self._values(line)) or shape_of(line.cells[0]) == shape_of(row.cells[0])
+        if alike and len(line.cells) < self.width and self._names(above.text) is not None:
+            raise BadInput(self._damaged(line))
+
     def _no_other_row(self, line: Line) -> None:
         """BadInput for a line above the rows that holds nothing but values, in another number."""
         values = self._values(line)
@@ -395,28 +399,26 @@ class _Block:
     def _names_and_units(self, lines: list[tuple[int, list[str]]]) -> tuple[list[str], list[str] | None]:
         """The line of names nearest to the rows, and the line of units below or above it."""
         unit_lines = [k for k, (_, cells) in enumerate(lines) if self._is_unit_line(cells)]
-        names = next((k for k in range(len(lines)) if k not in unit_lines), None)
-        if names is None:
+        named = [k for k in range(len(lines)) if k not in unit_lines]
+        if not named:
             return lines[0][1], None
+        names = named[0]
+        if not any(header.is_time_label(Column(1, c)) for c in lines[names][1]):
+            # below names may stand how values were made, as Smp, Avg, Min of TOA5: names differ from each other
+            names = max(named[:2], key=lambda k: (len({c for c in lines[k][1] if c}), -k))
         near = [k for k in unit_lines if abs(k - names) <= 2]
         return lines[names][1], lines[near[0]][1] if near else None
 
     def _is_unit_line(self, cells: list[str]) -> bool:
-        """Whether at least half of the cells over values are units."""
+        """Whether at least half of the cells over values are units; TS and RN of TOA5 need none."""
         filled = [cells[k].strip("()[]{} ") for k in self.value_columns if cells[k].strip("()[]{} ")]
+        filled = [c for c in filled if c not in OF_TOA5]
         known = sum(_is_common_unit(c) or cells_in_brackets(c) for c in filled)
         return bool(filled) and 2 * known >= len(filled) and any(map(_is_common_unit, filled))
 
 
 def _is_common_unit(text: str) -> bool:
-    return text in header.COMMON_UNITS or re.sub(r"[ .]", "", text).casefold() in (
-        "degc",
-        "degf",
-        "degk",
-        "°c",
-        "°f",
-        "deg.c",
-    )
+    return header.is_common_unit(text) or re.sub(r"[ .]", "", text).casefold() in ("degc", "degf", "degk", "°c", "°f")
 
 
 def cells_in_brackets(text: str) -> bool:
@@ -426,6 +428,11 @@ def cells_in_brackets(text: str) -> bool:
     (True, False)
     """
     return len(text) > 2 and (text[0], text[-1]) in (("(", ")"), ("[", "]"))
+
+
+def _is_numeric(text: str) -> bool:
+    """Whether a line has digits and no letters: a row in another dialect rather than a remark."""
+    return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
 
 
 def _is_comment(line: Line) -> bool:
@@ -445,6 +452,10 @@ def _split_names(text: str, dialect: Dialect, width: int) -> Iterator[list[str]]
     yield re.split(r"\s{2,}", text.strip())
     if len(text.split()) == width:
         yield text.split()
+    if dialect.separator == " ":  # a unit in brackets belongs to the word before it
+        words = WORD_WITH_UNIT.findall(text)
+        if len(words) == width and "".join("".join(words).split()) == "".join(text.split()):
+            yield words
 
 
 def _pairs_of(lines: Sequence[Line], dialect: Dialect) -> Iterator[tuple[str, str]]:

@@ -14,7 +14,7 @@ from flashtemp.errors import BadInput, reason
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.dialect import Dialect
 from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.table import SCPI_FROM, TextTable
+from flashtemp.physics.tables.text_table import SCPI_FROM, TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis
 
 MAGIC = b"TDSm"
@@ -98,7 +98,7 @@ def _read_group(file: Any, where: str, wanted: str | None) -> tuple[TextTable, T
             arrays[number][~(np.abs(arrays[number]) < SCPI_FROM)] = np.nan
     table = ChannelTable(
         where, Dialect(",", False), tuple(columns), [()] * count, list(range(1, count + 1)), (),
-        (f"TDMS file, group {name!r} of {len(channels)} channels",), True, frozenset(), arrays,
+        (f"TDMS file, group {name!r} of {len(channels)} channels",), True, arrays=arrays,
     )  # fmt: skip
     return table, _dated_axis(table, dated) if dated else _waveform_axis(channels, table)
 

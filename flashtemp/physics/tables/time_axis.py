@@ -12,7 +12,7 @@ from flashtemp.errors import BadInput, nearest, short
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
 from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.timestamps import DAY_S, Moments, parse_moments, parse_stamp
 
 UNIX_S = (9.0e8, 2.3e9)  # seconds since 1970 of the years 1998 to 2042
@@ -22,6 +22,7 @@ SPREADSHEET_DAYS = (32874.0, 55153.0)  # days since 1899-12-30 of the years 1990
 SPREADSHEET_EPOCH_DAYS = -25569.0
 DATENUM_DAYS = (726834.0, 749113.0)  # MATLAB's datenum, the same years
 DATENUM_EPOCH_DAYS = -719529.0
+HOUR_S, MINUTE_S = 3600.0, 60.0
 SECOND_S = 1.0  # resolution of a clock without fractions
 SAME_INTERVAL = 0.02  # relative difference up to which two intervals are one: rounded steps
 SAME_CLOCK = 0.01  # relative difference of two clocks of one file
@@ -65,7 +66,7 @@ def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | Non
             said = " and ".join(str(table.columns[n - 1]) for n in axis.columns)
             axis = replace(axis, notes=(f"time from {said}",))
         if named is None:
-            _check_other_clock(table, axis, taken)
+            axis = _with_other_times(table, axis, taken)
     return _increasing(table, axis)
 
 
@@ -227,7 +228,7 @@ def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
     cells = table.cells(column)
     header.check_units_agree(column, "s", table.where)
     unit = header.column_unit(column, "s")[1]
-    suffixes = {split_suffix(c)[1] for c in cells}
+    suffixes = {"" if c[-1:].isdigit() else split_suffix(c)[1] for c in cells}
     values = table.numbers(column)
     if not np.all(np.isfinite(values)):
         k = int(np.argmin(np.isfinite(values)))
@@ -282,6 +283,11 @@ def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Seque
     digits = _clock_digits(cells)
     if digits is not None and _is_clock_digits(table, column, own, digits):
         return TimeAxis(digits, at, (), True, notes=(f"time from {column}, HHMMSS of a clock",))
+    if len(own) > 2 and own.min() > 0 and own.max() < 1 and _is_of_day(own):
+        raise BadInput(
+            f"{table.where}: {column}: steps of {own[1] - own[0]:.3g} may be parts of a day; write the unit behind"
+            " the name, as Time (d) or Time (s)"
+        )
     where = str(column) if column.label else f"{column} (no header)"
     return TimeAxis(own, at, notes=(f"time from {where}, unit not stated, taken as s",))
 
@@ -299,6 +305,13 @@ def _is_in_days(bare: str, own: np.ndarray) -> bool:
     if re.match(header.DATE_NAME, bare) or "date" in bare or "datum" in bare:
         return True
     return len(own) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(own))) < 1e-3
+
+
+def _is_of_day(own: np.ndarray) -> bool:
+    """Whether numbers below 1 are seconds of a day over 86400: steps below a millisecond, whole seconds of a day."""
+    whole = np.round(DAY_S * own)
+    digits = 1e-3 * SECOND_S
+    return bool(np.max(np.abs(np.diff(own))) < digits and np.max(np.abs(DAY_S * own - whole)) < 1e2 * digits)
 
 
 def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
@@ -373,10 +386,12 @@ def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
     """The axis, if its times increase strictly and with the interval that the file states.  Raises BadInput."""
     interval = sampling_interval(table)
     steps = np.diff(axis.seconds)
-    if interval and axis.is_clock and np.any(steps == 0) and np.all(steps >= 0):
+    resolution = _resolution(axis.seconds)
+    if interval and axis.is_clock and interval[0] < resolution and np.any(steps == 0) and np.all(steps >= 0):
         counted = interval[0] * np.arange(len(axis.seconds))
-        if np.max(np.abs(counted - (axis.seconds - axis.seconds[0]))) <= SECOND_S + SAME_INTERVAL * counted[-1]:
-            note = f"several readings in a second; time from the stated interval, {interval[1].strip()}"
+        if np.max(np.abs(counted - (axis.seconds - axis.seconds[0]))) <= resolution + SAME_INTERVAL * counted[-1]:
+            what = "second" if resolution == SECOND_S else "minute"
+            note = f"several readings in a {what}; time from the stated interval, {interval[1].strip()}"
             return replace(axis, seconds=axis.seconds[0] + counted, notes=(*axis.notes, note))
     if np.any(steps <= 0):
         k = int(np.argmax(steps <= 0))
@@ -385,6 +400,13 @@ def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
             f"{table.place(k + 1)}: time goes from {short(cells[0])} to {short(cells[1])}; it must increase: remove"
             " that line, or give --fps or --time-column"
         )
+    if axis.is_clock and axis.zone is None and len(steps) > 1:
+        usual = float(np.median(steps))
+        hour = np.abs(steps - usual - HOUR_S) < 0.5 * usual
+        if usual < HOUR_S / 2 and np.count_nonzero(hour) == 1:
+            line = table.place(int(np.argmax(hour)) + 1).rpartition(":")[2]
+            note = f"line {line}: the clock goes on by an hour more than usual: a gap, or summer time (give --fps)"
+            axis = replace(axis, notes=(*axis.notes, note))
     if interval and not axis.is_clock and len(steps) and _counts_by_one(axis):
         step = float(np.median(steps))
         if abs(step / interval[0] - 1.0) > SAME_INTERVAL:
@@ -395,25 +417,56 @@ def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
     return axis
 
 
+def _resolution(seconds: np.ndarray) -> float:
+    """The resolution of a clock, s: a minute or a second where its times show no more, else 0."""
+    passed = seconds - seconds[0]
+    return next((step for step in (MINUTE_S, SECOND_S) if not np.any(passed % step)), 0.0)
+
+
 def _counts_by_one(axis: TimeAxis) -> bool:
     """Whether the unit of a time that counts by ones is only assumed."""
     return any("taken as s" in n for n in axis.notes) and bool(np.all(np.diff(axis.seconds) == 1.0))
 
 
-def _check_other_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> None:
-    """BadInput where a second column of time says another time, beyond the resolution of a clock."""
+def _with_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+    """The axis, after the other columns of time: a finer one gives the seconds, one that is later is told.
+
+    Raises BadInput where a second column says another time, beyond the resolution of a clock.
+    """
     for other in table.columns:
         used = other.number in (*taken, *axis.columns) or _is_part(table, other) or _is_only_date(table, other)
         if used or not (header.is_time_label(other) and _kind(table, other) != "text"):
             continue
         try:
-            second = _axis_of(table, other, (*taken, *axis.columns)).seconds
+            found = _axis_of(table, other, (*taken, *axis.columns))
         except BadInput:
             continue
-        passed, also = (s - s[0] for s in (axis.seconds, second))
+        passed, also = (s - s[0] for s in (axis.seconds, found.seconds))
+        one, two = (str(table.columns[n - 1]) for n in (axis.columns[0], other.number))
         if np.max(np.abs(passed - also)) > SECOND_S + SAME_CLOCK * passed[-1]:
-            one, two = (str(table.columns[n - 1]) for n in (axis.columns[0], other.number))
             raise BadInput(
                 f"{table.where}: {one} and {two} both say time and differ: {passed[-1]:g} and {also[-1]:g} s in all;"
                 " give --time-column"
             )
+        later = found.seconds[0] - axis.seconds[0]
+        if not axis.is_clock and not found.is_clock and 0 < abs(later) <= np.max(np.diff(passed), initial=0.0):
+            note = f"{two} is {later:g} s after {one}, whose time is taken for all; --time-column takes the other"
+            axis = replace(axis, notes=(*axis.notes, note))
+        elif axis.is_clock and not found.is_clock and _is_finer(table, other, axis):
+            note = f"time from {two}, the date and clock of its zero from {one}"
+            axis = replace(axis, seconds=axis.seconds[0] + also, notes=(note,))
+    return axis
+
+
+def _is_finer(table: TextTable, other: Column, axis: TimeAxis) -> bool:
+    """Whether a column of seconds has finer digits than a clock that counts days."""
+    if not any("days of" in note for note in axis.notes):
+        return False
+    day = DAY_S * _last_digit(table, table.columns[axis.columns[0] - 1])
+    return _last_digit(table, other) < day and day > 1e-3
+
+
+def _last_digit(table: TextTable, column: Column) -> float:
+    """The value of the last decimal of a column, 1 for whole numbers."""
+    sign = "," if table.dialect.comma else "."
+    return float(10.0 ** -max(len(cell.partition(sign)[2]) for cell in table.cells(column)))

@@ -7,14 +7,17 @@ today's date, takes "22,0" for a date, and refuses "12:59:50:250" and "45443.54"
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from flashtemp.errors import BadInput, short
+from flashtemp.physics.tables.cells import shape_of
 
 DAY_S = 86400.0
 HALF_DAY_S = 43200.0
@@ -22,31 +25,49 @@ Place = Callable[[int], str]
 EPOCH = date(1970, 1, 1).toordinal()
 MAX_CELL_LETTERS = 64
 CENTURY_PIVOT = 69  # two-digit years from here on are of the last century (POSIX strptime)
-MONTHS = {
-    "jan": 1, "feb": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "may": 5, "mai": 5, "jun": 6, "jul": 7, "aug": 8,
-    "sep": 9, "oct": 10, "okt": 10, "nov": 11, "dec": 12, "dez": 12,
+_MONTHS = (  # names of the Unicode Common Locale Data Repository, without accents: en de fr es it pt nl sv da
+    "january januar janvier enero gennaio janeiro januari",
+    "february februar fevrier febrero febbraio fevereiro februari",
+    "march marz mars marzo marco maart mrz mrt", "april avril abril aprile", "may mai mayo maggio maio mei maj",
+    "june juni juin junio giugno junho", "july juli juillet julio luglio julho", "august aout agosto augustus augusti",
+    "september septembre septiembre settembre setembro", "october oktober octobre octubre ottobre outubro",
+    "november novembre noviembre novembro", "december dezember decembre diciembre dicembre dezembro",
+)  # fmt: skip
+MONTHS = {name: number for number, names in enumerate(_MONTHS, 1) for name in names.split()}
+_DAYS_OF_WEEK = " ".join(  # in the same languages
+    (
+        " monday tuesday wednesday thursday friday saturday sunday montag dienstag mittwoch donnerstag freitag samstag",
+        "sonnabend sonntag lundi mardi mercredi jeudi vendredi samedi dimanche lunes martes miercoles jueves viernes",
+        "sabado domingo lunedi martedi mercoledi giovedi venerdi sabato domenica segunda terca quarta quinta sexta",
+        "maandag dinsdag woensdag donderdag vrijdag zaterdag zondag mandag tirsdag onsdag torsdag fredag lordag sondag",
+        "tisdag",
+    )
+)
+ZONES_S = {  # RFC 5322, 4.3, and the usual names of Europe
+    "UT": 0, "UTC": 0, "GMT": 0, "EST": -18000, "EDT": -14400, "CST": -21600, "CDT": -18000, "MST": -25200,
+    "MDT": -21600, "PST": -28800, "PDT": -25200, "WET": 0, "WEST": 3600, "CET": 3600, "CEST": 7200, "MEZ": 3600,
+    "MESZ": 7200, "EET": 7200, "EEST": 10800,
 }  # fmt: skip
 DAYS = re.compile(r"(\d{1,5}) days?,? ", re.ASCII)
 BLANKS = re.compile(r"[\s_\u202f]+")
-WEEKDAY = re.compile(r"^(?:mon|tue|wed|thu|fri|sat|sun|mo|di|mi|do|fr|sa|so)[a-z]*[.,]{0,2}\s+", re.IGNORECASE)
+FIRST_WORD = re.compile(r"([^\W\d_]{2,9})[.,]{0,2}\s+")
 BEFORE_CLOCK = re.compile(r"^(?:T|[ ,;]+|-(?=\d))")
 NUMERIC_DATE = re.compile(r"(\d{4}|\d{1,2})([-/.])(\d{1,2})\2(\d{4}|\d{1,2})", re.ASCII)
 COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)", re.ASCII)
 DAY_MONTH_YEAR = re.compile(r"(\d{1,2})[-/. ]{1,2}([^\W\d]{3,9})\.?[-/., ]{1,2}(\d{4}|\d{2})")
 MONTH_DAY_YEAR = re.compile(r"([^\W\d]{3,9})\.? {1,2}(\d{1,2}),? {1,2}(\d{4})")
-C_TIME = re.compile(r"([^\W\d]{3}) {1,2}(\d{1,2}) (\d{1,2}:\d\d:\d\d) (\d{4})")
+C_TIME = re.compile(r"([^\W\d]{3}) {1,2}(\d{1,2}) (\d{1,2}:\d\d:\d\d)(?: ([A-Z]{2,4}))? (\d{4})")
 CLOCK = re.compile(
     r"(?P<a>\d{1,4}):(?P<b>\d{2})(?::(?P<c>\d{2}))?(?:(?P<sign>[.,:])(?P<part>\d{1,30}))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?",
     re.ASCII,
 )
 COMPACT_CLOCK = re.compile(r"(\d\d)(\d\d)(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
-ZONE = re.compile(r"(?: ?(Z)| ?(UTC|GMT)?(?: ?([-+])(\d\d):?(\d\d)?)?)", re.ASCII)
+ZONE = re.compile(rf"(?: ?(Z)| ?({'|'.join(ZONES_S)})?(?: ?([-+])(\d\d):?(\d\d)?)?)", re.ASCII)
 NUMERIC_ORDERS = ("dmy", "mdy", "ymd")
 
 
-@dataclass(frozen=True)
-class Stamp:
+class Stamp(NamedTuple):
     """A cell taken apart: numbers of its date with their possible `orders`, clock, zone (s) where it has one.
 
     `date` is (first, second, third) as they stand, () without one.  `clock` is (hours, minutes, seconds) or, of two
@@ -96,9 +117,9 @@ def parse_stamp(cell: str) -> Stamp | None:
         hours, minutes, seconds = span.clock
         return Stamp((), (), (24 * int(found[1]) + hours, minutes, seconds), span.sign, span.part)
     if text[:1].isalpha():
-        text = WEEKDAY.sub("", text)
+        text = _without_weekday(text)
         if found := C_TIME.fullmatch(text):
-            text = f"{found[2]} {found[1]} {found[4]} {found[3]}"
+            text = f"{found[2]} {found[1]} {found[5]} {found[3]} {found[4] or ''}".rstrip()
     if clock := _clock_and_zone(text):
         return clock
     found_date = _leading_date(text)
@@ -141,10 +162,43 @@ def _leading_date(text: str) -> tuple[tuple[int, int, int], tuple[str, ...], str
         return (int(found[1]), int(found[2]), int(found[3])), ("ymd",), text[found.end() :]
     for pattern, day, month in ((DAY_MONTH_YEAR, 1, 2), (MONTH_DAY_YEAR, 2, 1)):
         found = pattern.match(text)
-        number = MONTHS.get(found[month][:3].casefold()) if found else None
+        number = _month(found[month]) if found else None
         if found and number:
             return (int(found[day]), number, int(found[3])), ("dmy",), text[found.end() :]
     return None
+
+
+@lru_cache(maxsize=256)
+def _month(name: str) -> int | None:
+    """The month of a name or of its beginning, in three letters or more; None where it is none or may be two.
+
+    >>> [_month(name) for name in ("März", "févr", "juil", "jui", "Mag", "sept", "foo")]
+    [3, 2, 7, None, 5, 9, None]
+    """
+    plain = _without_accents(name)
+    found = {number for month, number in MONTHS.items() if len(plain) > 2 and month.startswith(plain)}
+    return found.pop() if len(found) == 1 else None
+
+
+def _without_accents(word: str) -> str:
+    return "".join(c for c in unicodedata.normalize("NFKD", word.casefold()) if not unicodedata.combining(c))
+
+
+def _without_weekday(text: str) -> str:
+    """A text without the day of the week that it begins with; one that is a month too is followed by no date."""
+    word = FIRST_WORD.match(text)
+    if word is None or _leading_date(text) is not None or C_TIME.fullmatch(text):
+        return text
+    plain = _without_accents(word[1])
+    return text[word.end() :] if f" {plain}" in _DAYS_OF_WEEK else text
+
+
+def _offset_s(zone: re.Match[str]) -> float | None:
+    """The offset from UTC that a zone states, s; None where it states none."""
+    if not (zone[1] or zone[2] or zone[3]):
+        return None
+    sign = -1.0 if zone[3] == "-" else 1.0
+    return ZONES_S.get(zone[2] or "", 0) + sign * (3600.0 * int(zone[4] or 0) + 60.0 * int(zone[5] or 0))
 
 
 def _clock_and_zone(text: str) -> Stamp | None:
@@ -154,10 +208,7 @@ def _clock_and_zone(text: str) -> Stamp | None:
     zone = ZONE.fullmatch(text[found.end() :])
     if zone is None:
         return None
-    offset = None
-    if zone[1] or zone[2] or zone[3]:
-        sign = -1.0 if zone[3] == "-" else 1.0
-        offset = sign * (3600.0 * int(zone[4] or 0) + 60.0 * int(zone[5] or 0))
+    offset = _offset_s(zone)
     clock = tuple(int(found[k]) for k in "abc" if found[k] is not None)
     return Stamp((), (), clock, found["sign"] or "", found["part"] or "", (found["half"] or "").lower(), offset)
 
@@ -167,9 +218,7 @@ def _compact_clock(text: str) -> Stamp | None:
     zone = ZONE.fullmatch(text[found.end() :]) if (found := COMPACT_CLOCK.match(text)) else None
     if found is None or zone is None:
         return None
-    offset = None
-    if zone[1] or zone[2] or zone[3]:
-        offset = (-1.0 if zone[3] == "-" else 1.0) * (3600.0 * int(zone[4] or 0) + 60.0 * int(zone[5] or 0))
+    offset = _offset_s(zone)
     return Stamp((), (), (int(found[1]), int(found[2]), int(found[3])), ".", found[4] or "", "", offset)
 
 
@@ -180,7 +229,7 @@ def parse_moments(cells: Sequence[str], place: Place, label: str = "", column: i
     Clock times without a date go on over midnight.  Raises BadInput for a cell of another kind, for times that do not
     exist, and where the order of day and month or the meaning of two numbers cannot be told.
     """
-    stamps = [_parse_cell(cell, k, place, column) for k, cell in enumerate(cells)]
+    stamps = _parse_cells(cells, place, column)
     first = stamps[0]
     kind = bool(first.date), len(first.clock), first.zone is None
     for k, stamp in enumerate(stamps):
@@ -201,36 +250,80 @@ def parse_moments(cells: Sequence[str], place: Place, label: str = "", column: i
     return Moments(seconds, False, True, (), zone, whole)
 
 
-def _parse_cell(cell: str, row: int, place: Place, column: int | None) -> Stamp:
-    stamp = parse_stamp(cell)
-    if stamp is None:
-        at = "" if column is None else f" in column {column}"
-        raise BadInput(
-            f"{place(row)}: {short(repr(cell))}{at} is no time; repair it, or name the time with --time-column"
-        )
-    return stamp
+def _parse_cells(cells: Sequence[str], place: Place, column: int | None) -> list[Stamp]:
+    """The stamp of every cell; those of one shape have their numbers in the same places.  Raises BadInput."""
+    parsers: dict[str, Callable[[str], Stamp | None]] = {}
+    out = []
+    for row, cell in enumerate(cells):
+        shape = shape_of(cell)
+        parse = parsers.get(shape)
+        if parse is None:
+            parse = parsers[shape] = _parser_of(cell, shape)
+        stamp = parse(cell)
+        if stamp is None:
+            at = "" if column is None else f" in column {column}"
+            raise BadInput(
+                f"{place(row)}: {short(repr(cell))}{at} is no time; repair it, or name the time with --time-column"
+            )
+        out.append(stamp)
+    return out
+
+
+def _parser_of(cell: str, shape: str) -> Callable[[str], Stamp | None]:
+    """A quick `parse_stamp` for all cells of a shape: a single 1 among zeros shows which number a digit belongs to."""
+    zero = parse_stamp(shape)
+    if zero is None:
+        return parse_stamp
+    places: dict[tuple[str, int], list[int]] = {}
+    for at in (k for k, letter in enumerate(shape) if letter == "0"):
+        probe = parse_stamp(f"{shape[:at]}1{shape[at + 1 :]}")
+        if probe is None or probe.zone != zero.zone:
+            return parse_stamp
+        for name in ("date", "clock", "part"):
+            for n, (one, none) in enumerate(zip(getattr(probe, name), getattr(zero, name), strict=True)):
+                if one != none:
+                    places.setdefault((name, 0 if name == "part" else n), []).append(at)
+    slices = {key: slice(at[0], at[-1] + 1) for key, at in places.items()}
+    date_of = _numbers_at([slices.get(("date", n), number) for n, number in enumerate(zero.date)])
+    clock_of = _numbers_at([slices.get(("clock", n), number) for n, number in enumerate(zero.clock)])
+    part = slices.get(("part", 0), slice(0, 0))
+    _, orders, _, sign, _, half, zone = zero
+
+    def parse(text: str) -> Stamp:
+        return Stamp(date_of(text), orders, clock_of(text), sign, text[part], half, zone)
+
+    try:
+        is_right = parse(cell) == parse_stamp(cell)
+    except ValueError:  # digits of a number that do not stand side by side
+        is_right = False
+    return parse if is_right else parse_stamp
 
 
 def _clock_seconds(stamps: list[Stamp], cells: Sequence[str], place: Place, label: str) -> np.ndarray:
     """Seconds of the clock of every stamp, 0 without one."""
     minutes_first = _is_minutes_first(stamps, cells, place, label)
     fraction = _fraction_rule(stamps)
-    out = np.zeros(len(stamps))
-    for k, stamp in enumerate(stamps):
-        if not stamp.clock:
-            continue
-        hours, minutes, seconds = (stamp.clock if len(stamp.clock) == 3 else (*stamp.clock, 0))[:3]
-        if len(stamp.clock) == 2 and minutes_first:
-            hours, minutes, seconds = 0, stamp.clock[0], stamp.clock[1]
-        if stamp.half:
-            if not 1 <= hours <= 12:
-                raise BadInput(f"{place(k)}: {short(repr(cells[k]))} is no time of 12 hours; repair it")
-            hours = hours % 12 + (12 if stamp.half == "p" else 0)
-        long = len(stamp.clock) == 2 and minutes_first
-        if seconds > 60 or (minutes > 59 and not long) or (hours > 24 and stamp.date):
-            raise BadInput(f"{place(k)}: {short(repr(cells[k]))} is a time that does not exist; repair it")
-        out[k] = 3600.0 * hours + 60.0 * minutes + seconds + fraction(stamp)
-    return out
+    count = len(stamps[0].clock)
+    if not count:
+        return np.zeros(len(stamps))
+    numbers = np.array([s.clock for s in stamps])  # as many in every row
+    hours, minutes, seconds = np.hstack([numbers, np.zeros((len(stamps), 3 - count), int)]).T
+    long = count == 2 and minutes_first
+    if long:
+        hours, minutes, seconds = 0 * hours, hours, minutes
+    half = np.array([s.half for s in stamps])
+    _refuse_row((half != "") & ((hours < 1) | (hours > 12)), "is no time of 12 hours", cells, place)
+    hours = np.where(half == "", hours, hours % 12 + 12 * (half == "p"))
+    wrong = (seconds > 60) | ((minutes > 59) & (not long)) | ((hours > 24) & bool(stamps[0].date))
+    _refuse_row(wrong, "is a time that does not exist", cells, place)
+    return np.asarray(3600.0 * hours + 60.0 * minutes + seconds + np.array([fraction(s) for s in stamps]))
+
+
+def _refuse_row(wrong: np.ndarray, what: str, cells: Sequence[str], place: Place) -> None:
+    """BadInput for the first row (n,) that is `wrong`."""
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise BadInput(f"{place(k)}: {short(repr(cells[k]))} {what}; repair it")
 
 
 def _is_minutes_first(stamps: list[Stamp], cells: Sequence[str], place: Place, label: str) -> bool:
@@ -253,6 +346,21 @@ def _fraction_rule(stamps: list[Stamp]) -> Callable[[Stamp], float]:
     if len(lengths) > 1 and max(lengths) <= 3:
         return lambda stamp: 1e-3 * int(stamp.part or 0)
     return lambda stamp: float(f"0.{stamp.part}") if stamp.part else 0.0
+
+
+def _numbers_at(parts: list[slice | int]) -> Callable[[str], tuple[int, ...]]:
+    """The numbers of a text at the places `parts`, or fixed ones, remembered by the text of all of them."""
+    places = [p for p in parts if isinstance(p, slice)]
+    span = slice(min((p.start for p in places), default=0), max((p.stop for p in places), default=0))
+    known: dict[str, tuple[int, ...]] = {}
+
+    def numbers(text: str) -> tuple[int, ...]:
+        found = known.get(text[span])
+        if found is None:
+            found = known[text[span]] = tuple(int(text[p]) if isinstance(p, slice) else p for p in parts)
+        return found
+
+    return numbers
 
 
 # --- the order of day, month and year ---------------------------------------------------------------

@@ -13,7 +13,7 @@ from flashtemp.physics.bounded_reading import told as show_cells
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
 from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.table import TextTable
+from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 
 
@@ -73,6 +73,19 @@ def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
         _check_cells(table, column, want)
         out[:, j] = _values(table, column, want)
     return out
+
+
+def notes_on_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str]:
+    """Notes on units that are assumed, where the table states those of other columns."""
+    columns = find_columns(table, wanted)
+    stated = [header.column_unit(column, want.unit)[1] for column, want in zip(columns, wanted, strict=True)]
+    if not any(stated):
+        return []
+    return [
+        f"{column}: unit not stated, taken as {want.unit}"
+        for column, want, unit in zip(columns, wanted, stated, strict=True)
+        if not unit and want.unit != "1"
+    ]
 
 
 def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Column]:
@@ -175,5 +188,7 @@ def _values(table: TextTable, column: Column, want: WantedColumn) -> np.ndarray:
         if moments.has_date:
             raise BadInput(f"{table.place(0)}: {short(repr(cells[0]))} is a date; give the time in s from its zero")
         return moments.seconds
-    values, _ = table.quantity(column, want.unit)
+    values, unit = table.quantity(column, want.unit)
+    if want.unit == "degC" and not unit:
+        table.check_degrees(f"write it behind the name, as {want.quantity} (degF)")
     return values

@@ -1,0 +1,125 @@
+"""A text table as it was read: rows of cells under named columns, their numbers, units and places in the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from flashtemp.errors import BadInput, short
+from flashtemp.physics.tables import header
+from flashtemp.physics.tables.cells import is_missing, parse_number, parse_numbers, split_suffix
+from flashtemp.physics.tables.dialect import Dialect
+from flashtemp.physics.tables.header import Column
+
+OTHER_SIGNS = re.compile(r"\.|,(?![0-9])")  # in cells with decimal commas
+FAHRENHEIT = re.compile(r"(?<!\w)(?:°\s?F|℉|deg(?:ree)?s?[ ._]?F|fahrenheit|in F)(?!\w)", re.IGNORECASE)
+SCPI_FROM = 9e37  # numbers from here on may be marks
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of cells under named columns.  `where` begins messages, `lines` are the numbers of the rows' lines.
+
+    `preamble` are pairs of what stands above the table, `notes` say for people what was left out of it; `remarks` are
+    the lines above and between the rows with their numbers.
+    """
+
+    where: str
+    dialect: Dialect
+    columns: tuple[Column, ...]
+    rows: list[tuple[str, ...]]
+    lines: list[int]
+    preamble: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    has_header: bool = False
+    text_columns: frozenset[int] = field(default=frozenset())
+    remarks: tuple[tuple[int, str], ...] = ()
+
+    def cells(self, column: Column) -> Sequence[str]:
+        """The cells of a column."""
+        return self._by_column[column.number - 1]
+
+    @cached_property
+    def _by_column(self) -> list[tuple[str, ...]]:
+        return list(zip(*self.rows, strict=True))
+
+    def place(self, row: int) -> str:
+        """Where a row (from 0) stands, for messages."""
+        return f"{self.where}:{self.lines[row]}"
+
+    def numbers(self, column: Column) -> np.ndarray:
+        """The numbers of a column (rows,), NaN for missing ones and infinity for words; units in cells are left out."""
+        comma, cells = self.dialect.comma, self.cells(column)
+        plain: Sequence[str] | None = cells
+        if comma:
+            no_comma = OTHER_SIGNS.search("\n".join(cells)) is not None
+            plain = None if no_comma else [c.replace(",", ".") for c in cells]
+        values = None if plain is None else parse_numbers(plain)
+        if values is not None and np.all(np.abs(values) < SCPI_FROM):
+            return values
+        known = {cell: _number_of(cell, comma) for cell in set(cells)}
+        return np.array([known[cell] for cell in cells], dtype=float)
+
+    def quantity(self, column: Column, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
+        """Numbers of a column in the unit `wanted`, and the unit in which they stand there, "" where none is stated.
+
+        `unit` takes the place of what the file says.  Raises BadInput, naming line and cell, for words among the
+        numbers and for units of another dimension.
+        """
+        values = self.numbers(column)
+        if np.isinf(values).any():
+            k = int(np.argmax(np.isinf(values)))
+            cell = self.rows[k][column.number - 1]
+            raise BadInput(
+                f"{self.where}:{self.lines[k]}: {short(repr(cell))} in {_named(column)} is no number; repair that row"
+            )
+        stated = {split_suffix(c)[1] for c in self.cells(column) if c and not c[-1].isdigit() and not is_missing(c)}
+        stated = (stated | self._units_beside(column, wanted)) - {""}
+        if len(stated) > 1:
+            raise BadInput(f"{self.where}: {column}: units {' and '.join(sorted(stated))} in one column; give one unit")
+        if unit is None:
+            header.check_units_agree(column, wanted, self.where)
+        unit = unit or (stated.pop() if stated else header.column_unit(column, wanted)[1])
+        if unit.casefold() in header.NO_UNIT:
+            return values, ""
+        factor, offset = header.convert_unit(unit, wanted, f"{self.where}: {column}")
+        return values * factor + offset, unit
+
+    def _units_beside(self, column: Column, wanted: str) -> set[str]:
+        """The units in the next column: all of a column "Unit", or where it has such of several letters only."""
+        if column.number >= len(self.columns) or column.number + 1 not in self.text_columns:
+            return set()
+        beside = self.columns[column.number]
+        found = {cell for cell in self.cells(beside) if cell}
+        named = re.search(r"unit|einheit", beside.label, re.IGNORECASE) is not None
+        return found if named or all(len(u) > 1 and header.is_unit_text(u, wanted) for u in found) else set()
+
+    def check_degrees(self, remedy: str) -> None:
+        """BadInput where a remark says Fahrenheit, for temperatures whose own unit is not stated."""
+        for number, text in self.remarks:
+            if FAHRENHEIT.search(text) or "F" in (cell.strip(' "') for cell in re.split(r"[,;\t]", text)):
+                said = short(repr(" ".join(text.split())))
+                raise BadInput(f"{self.where}:{number}: {said} says Fahrenheit, the columns state no unit; {remedy}")
+
+    def every(self, step: int) -> TextTable:
+        """The same with one row of `step`."""
+        return self if step == 1 else replace(self, rows=self.rows[::step], lines=self.lines[::step])
+
+
+def _number_of(cell: str, comma: bool) -> float:
+    """The number of a cell, NaN where it is missing, infinity for a word."""
+    value = parse_number(cell, comma)
+    if value is not None and abs(value) < SCPI_FROM:
+        return value
+    if is_missing(cell):
+        return np.nan
+    value = parse_number(split_suffix(cell)[0], comma)
+    return np.inf if value is None else value
+
+
+def _named(column: Column) -> str:
+    return f"column {column.number}"

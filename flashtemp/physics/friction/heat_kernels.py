@@ -63,8 +63,8 @@ def felt(kappa: Value, r: float = 1.0) -> Value:
     """Flash temperature over that of a surface flux felt at its surface, eq. (13): kappa = sqrt(D t_spot)/depth.
 
     Of a source that decays over `depth`, felt at the surface, or of a surface flux, felt by the wavenumber 1/(2 depth).
-    Before a spot has slid its diameter, `r` < 1 of it, both integrals end there (V10): heat in depth warms the surface in
-    proportion to time at first, a flux in proportion to its root.
+    Before a spot has slid its diameter, `r` < 1 of it, both integrals end there (V10): heat in depth warms the surface
+    in proportion to time at first, a flux in proportion to its root.
 
     >>> round(float(felt(0.3, 1e-6) / (0.5 * np.sqrt(np.pi) * 0.3 * 1e-3)), 3)  # kappa sqrt(pi r)/2
     1.0

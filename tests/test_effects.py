@@ -244,6 +244,7 @@ NAMED = {  # modules that name an effect, and why they must
     "api/starting.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
     "cli/friction.py": {"persson_friction"},  # helps of commands that serve one effect
     "cli/road.py": {"persson_friction", "resolved_spots"},
+    "physics/tables/wanted.py": {"wear"},  # a word in headers of tables of worn depth
     "physics/friction/friction_table.py": {"persson_friction"},  # the table is that effect's
 }
 

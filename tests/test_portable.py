@@ -145,7 +145,7 @@ def test_every_text_file_is_read_and_written_in_utf_8():
             said = {k.arg for k in node.keywords}
             modes = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
             binary = any(set(m) <= set("rwab+x") and "b" in m for m in modes)
-            opens = name in ("read_text", "write_text") or (
+            opens = (name in ("read_text", "write_text") and isinstance(node.func, ast.Attribute)) or (
                 name == "open" and not binary and (modes and set(modes[-1]) <= set("rwa+x"))
             )
             if opens and "encoding" not in said and None not in said:

@@ -34,7 +34,7 @@ class SyntheticCameraErrors:
     repeated_frames: float  # while the shutter is closed
     warming_K: float  # by the lens, from the first frame to the last
     warming_gradient: float  # of the warming, from edge to edge
-    lamp_K: float  # its reflection
+    lamp_K: float  # how warm its mirror image looks
     lamp_width: float
     narcissus_K: float
     vignetting: float  # of the contrast against the housing, in the farthest corner

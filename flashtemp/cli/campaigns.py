@@ -134,7 +134,7 @@ def twin(
     points
         Thermocouples of the view of points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, with ; between them.
     camera
-        Errors of the cameras: ideal (noise and dead pixels only), uncooled (shutter, drift, reflection, vignetting,
+        Errors of the cameras: ideal (noise and dead pixels only), uncooled (shutter, drift, mirror images, vignetting,
         stray light, lag, rows and columns, bad pixels that hold a value) or cooled (the same, smaller).
     """
     from flashtemp.api import campaigns, inputs

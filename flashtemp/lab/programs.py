@@ -95,7 +95,7 @@ def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
 def _python_files(word: str) -> list[str]:
     """Names of Python files in an override as it is typed: effects=["./fan.py"], or effects=./a.py,./b.py in a sweep.
 
-    >>> _python_files('effects=["wear", "./fan.py"]'), _python_files("friction.mu=0.8")
+    >>> _python_files('effects=["a", "./fan.py"]'), _python_files("friction.mu=0.8")
     (['./fan.py'], [])
     """
     _, _, value = word.partition("=")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.physics import interpolation
+from flashtemp.physics import bounded_reading, interpolation
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import library, quietly
 from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
@@ -163,13 +163,32 @@ def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
 
 def _units_above(file: Path) -> dict[str, str]:
     """Units of x and of z that lines of the header state, as "X Units: mm, Z Units: um"."""
-    text = file.read_bytes()[:MOST_HEADER].decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
+    text = _head_of(file).decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
     found = (m.groupdict() for m in UNIT_OF_AXIS.finditer(text))
     return {f["axis"].lower(): f["unit"] for f in found if f["unit"] in LENGTHS}
 
 
+def _head_of(file: Path) -> bytes:
+    """The first bytes of a file, where headers are."""
+    with file.open("rb") as opened:
+        return opened.read(MOST_HEADER)
+
+
+def _is_bounded(file: Path) -> bool:
+    """Whether a file is small enough to be parsed, and a text has no line without end."""
+    try:
+        data = bounded_reading.raw(file, file.name)
+        if b"\0" not in data[:MOST_HEADER]:
+            bounded_reading.lines(data.decode("latin-1"), file.name)
+    except BadInput:
+        return False
+    return True
+
+
 def _scan_of_library(file: Path, key: str) -> LineScan | None:
     """A line scan with units as SurfaceTopography reads it; None where it reads none.  Raises BadInput."""
+    if not _is_bounded(file):
+        return None
     surface = library()
     try:
         with quietly(), surface.open_topography(str(file)) as opened:

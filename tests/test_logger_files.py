@@ -446,8 +446,8 @@ def lvm(x_columns="One", decimal=".", pref="Relative", unit="Deg C", starts=(("1
         n = samples or len(xs)
         out += [
             "Channels\t2\t\t", f"Samples\t{n}\t{n}\t", "Date\t2024/05/31\t2024/05/31\t", f"Time\t{clock}\t{clock}\t",
-            f"Y_Unit_Label\t{unit}\t{unit}\t", "X_Dimension\tTime\tTime\t", f"X0\t{xs[0]}\t{xs[0]}\t",
-            "Delta_X\t0.500000\t0.500000\t", "***End_of_Header***\t\t\t", names,
+            f"Y_Unit_Label\t{unit}\t{unit}\t", "X_Dimension\tTime\tTime\t", f"X0\t{xs[0]}\t{xs[0]}\t".replace(".", decimal),
+            "Delta_X\t0.500000\t0.500000\t".replace(".", decimal), "***End_of_Header***\t\t\t", names,
         ]  # fmt: skip
         for x in xs:
             cells = [f"{v:.6f}".replace(".", decimal) for v in (x, 20.5 + row, 30.25 + row)]
@@ -460,7 +460,15 @@ def lvm(x_columns="One", decimal=".", pref="Relative", unit="Deg C", starts=(("1
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"x_columns": "No"}, {"decimal": ","}, {"separator": ","}, {"x_columns": "Multi"}]
+    "options",
+    [
+        {},
+        {"x_columns": "No"},
+        {"decimal": ","},
+        {"x_columns": "No", "decimal": ","},
+        {"separator": ","},
+        {"x_columns": "Multi"},
+    ],  # fmt: skip
 )
 def test_a_labview_file_is_read_by_its_header(tmp_path, options):
     columns = (2, 4) if options.get("x_columns") == "Multi" else (2, 3)

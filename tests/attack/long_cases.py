@@ -33,6 +33,7 @@ PHYSICAL = (  # failures that tell of the physics, not of the program
     "tips the block over its edge",
     "no spot is under the block",
     "heat capacity fell to zero",
+    "has no consistent spot temperature",  # friction that rises with temperature faster than heat leaves: a runaway
 )
 COLD = 0.02, 0.001  # K, and of the largest rise
 FIXED = {"output", "limits", "numerics"}
@@ -130,7 +131,8 @@ def outcome(folder: Path, given: dict[str, object]) -> tuple[str, str]:
     except BadInput as fault:
         return "refused", f"while running: {fault}" if len(str(fault)) > 600 else ""
     except SolverFailure as fault:
-        return "failed", "" if any(reason in str(fault) for reason in PHYSICAL) else str(fault)
+        physical = any(reason in str(fault) for reason in PHYSICAL) and "nan" not in str(fault)
+        return "failed", "" if physical else str(fault)
     except Exception as fault:
         return "traceback", f"{type(fault).__name__}: {fault} {traceback.extract_tb(fault.__traceback__)[-1]}"
     return "ran", judge(run, colder, case.scene.schedule.alone)

@@ -38,10 +38,9 @@ class Segment:
     lines: list[int] = field(default_factory=list)
 
     def numbers(self, tag: str, default: float) -> list[float]:
-        """The numbers of a tag, one per channel."""
-        return [default if (v := parse_number(c, False)) is None else v for c in self.tags.get(tag, []) if c] or [
-            default
-        ]
+        """The numbers of a tag, one per channel, with the decimal sign of the file."""
+        cells = [c.replace(",", ".") for c in self.tags.get(tag, []) if c]
+        return [default if (v := parse_number(c, False)) is None else v for c in cells] or [default]
 
 
 def parse_lvm(text: str, where: str) -> tuple[TextTable, TimeAxis]:

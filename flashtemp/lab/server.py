@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import os
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -172,6 +173,8 @@ def serve(folder: Path, browser: bool = True, told: Callable[[str], Any] = print
     """Serve the page of a folder until Ctrl-C; `told` is given its address.  Raises BadInput."""
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give the folder of your case and camera files")
+    # NiceGUI would look for what it keeps in the current folder, where files of strangers may lie
+    os.environ["NICEGUI_STORAGE_PATH"] = str(Path.home() / ".cache" / "flashtemp" / "page")
     try:
         import uvicorn
 

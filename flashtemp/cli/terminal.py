@@ -20,6 +20,7 @@ __all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
 
 LINE_EVERY, FIRST_LINE = 60.0, 0.1  # s between lines of progress; of it until the first
 SAMPLES_GROW = 1.05  # from one sample of progress to the next, in time: a hundred say what happened in an hour
+MAX_LEFT_RATIO = 1000.0  # of time left over time so far: less than a thousandth is done, mostly compiling and set-up
 SPEED_PERIOD = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
 
 Json = Annotated[
@@ -118,11 +119,12 @@ class Lines:
             tell(f"{self.label}: {100 * done / total:.0f} %{self._left(gone, done, total)}")
 
     def _left(self, gone: float, done: float, total: float) -> str:
-        """How long the rest takes, in words; nothing where nothing has moved lately."""
+        """How long the rest takes, in words; nothing where little has moved lately."""
         since, before = self.samples[0]
         if done <= before:
             return ""
-        return f", about {(gone - since) * (total - done) / (done - before):.0f} s left"
+        left = (gone - since) * (total - done) / (done - before)
+        return f", about {left:.0f} s left" if left < MAX_LEFT_RATIO * gone else ""
 
 
 def emit(data: Any, as_json: bool, text: str) -> None:

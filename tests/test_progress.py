@@ -50,6 +50,15 @@ def test_slow_work_says_how_long_it_takes_from_the_first_line_on(clock, capsys, 
     assert all(re.fullmatch(r"spots: 0 %, about 29[89]\d\d s left", line) for line in told), told
 
 
+def test_first_tiny_steps_say_nothing_of_the_time_left(clock, capsys, monkeypatch):
+    """While loops are compiled a run has done 1e-12 of its time: the pace would promise thousands of years."""
+    monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
+    watch = terminal.Lines("run")
+    clock[0] = 7.0
+    watch(1e-9, 440.0)
+    assert capsys.readouterr().err == "run: 0 %\n"
+
+
 @pytest.mark.parametrize("first", [1e-3, 5.0])
 def test_time_left_follows_the_pace_of_late_not_that_of_the_first_steps(clock, capsys, monkeypatch, first):
     """The first steps of an integration are short, and a resumed run begins far from zero."""

@@ -20,7 +20,7 @@ __all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
 
 LINE_EVERY, FIRST_LINE = 60.0, 0.1  # s between lines of progress; of it until the first
 SAMPLES_GROW = 1.05  # from one sample of progress to the next, in time: a hundred say what happened in an hour
-MAX_LEFT_RATIO = 1000.0  # of time left over time so far: less than a thousandth is done, mostly compiling and set-up
+MAX_LEFT_RATIO = 1e5  # of time left over time so far: beyond it all that was done is the first, tiny steps
 SPEED_PERIOD = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
 
 Json = Annotated[

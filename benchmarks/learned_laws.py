@@ -69,7 +69,7 @@ def traces(calibrated, laws) -> Traces:
     for law in laws:
         columns = [c for c in made[law.name].columns() if c in fit.system.index] if law.name in made else []
         if columns:
-            own.append((len(names) + np.arange(len(columns)), law.unknown.size))
+            own.append((len(names) + np.arange(len(columns)), law.quantity.typical_size))
             names += columns
     return Traces(fit.system.projected(fit.nuisances, names).information, tuple(own))
 
@@ -90,7 +90,7 @@ def one(seed: int) -> dict:
         laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
         base = calibrate(prepare(replace(campaign.load(folder), candidates=TRIED), run))
         calibrated = Search(base.problem, base.data, base.refused, base.base, base.base, {})
-        laws = list(learning._laws(calibrated))
+        laws = learning._laws(calibrated)
         scored = []
         for k in range(0, len(laws), learning.TOGETHER):
             scored += learning._scored(calibrated, laws[k : k + learning.TOGETHER])
@@ -100,7 +100,7 @@ def one(seed: int) -> dict:
     gains = found.gains(found.drawn(np.random.default_rng([seed, 3]), DRAWS), learning.WIDTHS).max(axis=0)
     return {
         "seed": seed, "converged": calibrated.base.converged, "laws": len(laws), "threshold": threshold,
-        "best": [best.law.words, best.ln_bayes], "draws": DRAWS, "beyond": int(np.sum(gains > threshold)),
+        "best": [best.law.description, best.ln_bayes], "draws": DRAWS, "beyond": int(np.sum(gains > threshold)),
         "largest": float(gains.max()), "cpu_s": time.process_time() - began,
     }  # fmt: skip
 

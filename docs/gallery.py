@@ -44,6 +44,8 @@ CASES = {
     "paper_story": Shown("discover cases/paper_story", "missing.png", "some minutes"),
     "heated_board": Shown("discover cases/heated_board", "what_is_wrong.png", "a minute"),
     "face_milling": Shown("run cases/face_milling", "map.png", "half a minute"),
+    "pmma_heating": Shown("run cases/pmma_heating", "map.png"),
+    "silicone_friction": Shown("discover cases/silicone_friction", "why.png", "a minute"),
     "slope_tester": Shown("friction cases/slope_tester", "friction.png"),
     "smooth_adhesion": Shown("run cases/smooth_adhesion", "profile.png"),
     "mu_of_p": Shown("loads cases/mu_of_p", "loads.png", "two minutes"),

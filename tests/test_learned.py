@@ -19,13 +19,22 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import adequacy, discover, learning
 from flashtemp.discovery.fit import Fit
-from flashtemp.discovery.formula import formula
+from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula
+from flashtemp.discovery.hypotheses.piecewise_linear_law import (
+    EFFECT_NAME,
+    INITIAL_NODES,
+    LEARNABLE_QUANTITIES,
+    MAX_NODES,
+    REGRESSORS,
+    PiecewiseLinearLaw,
+    graded_nodes,
+    nodes_at_values,
+)
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.searched import NAMED, Search
-from flashtemp.discovery.unknown_law import ARGUMENTS, MOST, NAME, NODES, UNKNOWNS, Law, given, spread
 from flashtemp.discovery.verdict import Cause, Estimate
 from flashtemp.model.case import load
 from flashtemp.physics.own_effects import read
@@ -40,7 +49,7 @@ CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 TINY = {"numerics.mesh": 0.3, "numerics.rtol": 1e-3, "schedule.distance": 0.1, "schedule.repetitions": 1}
 REACHED = {"temperature": (20.0, 80.0), "inside": (20.0, 60.0), "speed": (0.05, 0.8), "pressure": (5e4, 2e5),
            "place": (0.0, 0.025), "slid": (0.0, 2.0), "passed": (0.0, 9.0), "time": (0.0, 30.0), "repetition": (1.0, 10.0)}  # fmt: skip
-PAIRS = [(u, ARGUMENTS[a]) for u in UNKNOWNS for a in u.arguments]
+PAIRS = [(u, REGRESSORS[a]) for u in LEARNABLE_QUANTITIES for a in u.regressors]
 KINDS = [("friction", "temperature"), ("resistance", "place"), ("walls", "speed")]  # a factor, a term, films
 USUAL = (0.3, 0.25, 0.2, 0.1, 0.05)  # of its size, at nodes
 
@@ -49,37 +58,19 @@ def pair(quantity, argument):
     return next((u, a) for u, a in PAIRS if (u.name, a.name) == (quantity, argument))
 
 
-def law(unknown, argument, values=(0.9, 0.2, 0.5, 0.7, 0.4)):
+def law(quantity, regressor, values=(0.9, 0.2, 0.5, 0.7, 0.4)):
     """A law over what a test reaches, of usual size."""
-    nodes = spread(*REACHED[argument.name], len(values))
-    return Law(unknown, argument, nodes, tuple(unknown.size * v for v in values))
+    nodes = graded_nodes(*REACHED[regressor.name], len(values))
+    return PiecewiseLinearLaw(quantity, regressor, nodes, tuple(quantity.typical_size * v for v in values))
 
 
 def trial(told, folder):
     """A law's file before the battery, and its bench."""
-    (folder / "learned.py").write_text(told.own().source)
-    return Trial(NAME, read(folder / "learned.py"), {}), Bench()
+    (folder / "learned.py").write_text(told.as_effect().source)
+    return Trial(EFFECT_NAME, read(folder / "learned.py"), {}), Bench()
 
 
 # --- the file ------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("unknown", "argument"), PAIRS, ids=[law(*p).name for p in PAIRS])
-def test_the_file_says_the_law(unknown, argument, tmp_path):
-    """Every law of the file is numpy's interpolation between the nodes, at what the engine hands over."""
-    told = law(unknown, argument)
-    (tmp_path / "learned.py").write_text(told.own().source)
-    effect = read(tmp_path / "learned.py")
-    p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
-    low, high = REACHED[argument.name]
-    at = np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), 29)
-    now = SimpleNamespace(speed=at, local_pressure=at, x=at, slid=at, passed=at, t=at, repetition=at)
-    expected = np.interp(at, told.nodes, told.values)
-    parts = list(effect().heat(None, p))
-    assert [getattr(part, "site", None) or part.target for part in parts] == list(unknown.targets)
-    for part in parts:
-        got = part.law(now, p) if unknown.how == "film" else part.law(at + KELVIN, now, p)
-        np.testing.assert_allclose(np.log(got) if unknown.how == "factor" else got, expected, rtol=1e-4)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("which", KINDS, ids="-".join)
 def test_the_file_passes_the_battery(which, tmp_path):
@@ -97,7 +88,7 @@ STEEP = {  # ln of factors on friction over temperature (degC): a measured peak,
 @pytest.mark.parametrize("which", STEEP)
 def test_steep_friction_is_linearised_where_it_is_solved(which, tmp_path):
     """Newton's last slope is that of its last point, not of the one before: the difference was 3e-10 of J v."""
-    told, bench = trial(Law(*pair("friction", "temperature"), *STEEP[which]), tmp_path)
+    told, bench = trial(PiecewiseLinearLaw(*pair("friction", "temperature"), *STEEP[which]), tmp_path)
     for shape in balance.WAITS:
         assert balance.linearisation(bench, told, shape).ok, shape
 
@@ -114,7 +105,7 @@ def test_the_file_reads_like_one_of_ours(which, tmp_path):
 def test_the_file_can_be_edited(tmp_path):
     """A factor of 2 on friction, written by hand in the place of what was learned, doubles friction."""
     told = law(*pair("friction", "slid"), (0.0, 0.0))
-    text = told.own().source.replace("Param(0,", f"Param({np.log(2.0):.9f},")
+    text = told.as_effect().source.replace("Param(0,", f"Param({np.log(2.0):.9f},")
     assert text.count("0.693") == 2
     (tmp_path / "learned.py").write_text(text)
     (tmp_path / "case.toml").write_text('effects = ["./learned.py"]\n')
@@ -136,12 +127,12 @@ def searched(*conditions, held=()):
 
 def test_nothing_depends_on_what_does_not_vary():
     one = {"schedule.speed": 0.1}
-    names = {(w.unknown.name, w.argument.name): w.nodes for w in learning._laws(searched(one))}
+    names = {(w.quantity.name, w.regressor.name): w.nodes for w in learning._laws(searched(one))}
     assert ("friction", "temperature") in names
     assert ("pressure", "place") in names
     assert not {a for _, a in names} & {"speed", "repetition", "pressure"}
     both = searched(one, {"schedule.speed": 0.4, "contact.pressure": 5e4})
-    wider = {(w.unknown.name, w.argument.name): w.nodes for w in learning._laws(both)}
+    wider = {(w.quantity.name, w.regressor.name): w.nodes for w in learning._laws(both)}
     assert wider["friction", "speed"] == pytest.approx((0.1, 0.4))
     assert len(wider["friction", "pressure"]) == 2
     reached = max(float(np.nanmax(p.run.T_spot)) for p in both.base.predictions)
@@ -149,16 +140,16 @@ def test_nothing_depends_on_what_does_not_vary():
 
 
 def test_nodes_are_where_a_campaign_has_values():
-    assert given([0.3, 0.1, 0.1]) == (0.1, 0.3)
-    assert len(given(range(1, 11))) == NODES
-    assert given(range(1, 11))[0] == 1
-    assert given(range(1, 11))[-1] == 10
+    assert nodes_at_values([0.3, 0.1, 0.1]) == (0.1, 0.3)
+    assert len(nodes_at_values(range(1, 11))) == INITIAL_NODES
+    assert nodes_at_values(range(1, 11))[0] == 1
+    assert nodes_at_values(range(1, 11))[-1] == 10
 
 
 def test_walls_cool_at_rest_too():
     """A film over speed has a node at rest where the block waits between repetitions; friction has none there."""
     waits = {"schedule.repetitions": 2, "schedule.wait": 0.5, "schedule.distance": 0.02}
-    found = {(w.unknown.name, w.argument.name): w.nodes for w in
+    found = {(w.quantity.name, w.regressor.name): w.nodes for w in
              learning._laws(searched({"schedule.speed": 0.1} | waits, {"schedule.speed": 0.4} | waits))}  # fmt: skip
     assert found["walls", "speed"] == pytest.approx((0.0, 0.1, 0.4))
     assert found["friction", "speed"] == pytest.approx((0.1, 0.4))
@@ -221,7 +212,7 @@ def law_of(sizes, wobble=0.0, seed=3, held=()):
     """A fit of three nodes to two conditions of 400 data that show the law, `sizes` times as large; `wobble` moves one
     node of the second against its neighbour, and the law as a whole by nothing.  Conditions may be `held` out."""
     rng = np.random.default_rng(seed)
-    nodes = [ParameterId.of_effect(NAME, f"at_{k + 1}") for k in range(3)]
+    nodes = [ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}") for k in range(3)]
     values, none, blocks = np.array([0.3, -0.2, 0.25]), (np.zeros((400, 0)), np.zeros((0, 0))), []
     C = 100.0 * rng.standard_normal((400, 3)) @ (np.eye(3) + 0.8 * rng.standard_normal((3, 3)))
     against, seen = np.array([1.0, -1.0, 0.0]), values @ C.T @ C
@@ -233,7 +224,7 @@ def law_of(sizes, wobble=0.0, seed=3, held=()):
         blocks.append(Block("ab"[number], number, number in held, r, C, names, *none))
     priors = {p: (0.0, 0.3) for p in nodes}
     system = System(blocks)
-    model = Model({}, {NAME: {p.name: 0.0 for p in nodes}})
+    model = Model({}, {EFFECT_NAME: {p.name: 0.0 for p in nodes}})
     fit = Fit(model, (), system, system.solve(priors), priors, (0.0,))
     return SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)]), fit
 
@@ -241,7 +232,7 @@ def law_of(sizes, wobble=0.0, seed=3, held=()):
 @pytest.mark.parametrize("sizes", [(1.0, 1.0), (1.0, 1.1), (0.9, 1.2)])
 def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes):
     problem, fit = law_of(sizes)
-    [found] = adequacy.sizes_per_condition(problem, fit, NAME)
+    [found] = adequacy.sizes_per_condition(problem, fit, EFFECT_NAME)
     common = fit.solution.d @ np.array([0.3, -0.2, 0.25]) / np.sum(np.array([0.3, -0.2, 0.25]) ** 2)
     for own, size in zip(found.conditions, sizes, strict=True):
         assert own.value * common == pytest.approx(size, abs=5.0 * own.stderr)
@@ -251,10 +242,10 @@ def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes)
 @pytest.mark.parametrize(("sizes", "agree"), [((1.0, 1.0), True), ((1.0, 1.2), False)])
 def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(sizes, agree):
     problem, fit = law_of(sizes, held=(1,))
-    [own] = adequacy.sizes_per_condition(problem, fit, NAME)
+    [own] = adequacy.sizes_per_condition(problem, fit, EFFECT_NAME)
     assert [c.condition for c in own.conditions] == ["0"]
     assert own.consistent == 1.0
-    [every] = adequacy.sizes_per_condition(problem, fit, NAME, every=True)
+    [every] = adequacy.sizes_per_condition(problem, fit, EFFECT_NAME, every=True)
     assert [c.condition for c in every.conditions] == ["0", "1"]
     assert (every.consistent > 1e-4) is agree
 
@@ -262,7 +253,7 @@ def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(
 def test_a_node_against_its_neighbour_is_no_other_size():
     """What conditions make of single nodes says little of a law: lines between nodes are not what they stand for."""
     problem, fit = law_of((1.0, 1.0), wobble=0.006)
-    [found] = adequacy.sizes_per_condition(problem, fit, NAME)
+    [found] = adequacy.sizes_per_condition(problem, fit, EFFECT_NAME)
     alone = [adequacy.per_condition(problem, fit, p) for p in fit.fitted]
     assert found.consistent > 1e-4
     assert min(a.consistent for a in alone) < 1e-4
@@ -302,7 +293,7 @@ def test_a_formula_is_found_where_it_holds(name):
     covariance = np.eye(5) * 1e-6
     scattered = values + 1e-3 * np.random.default_rng(4).normal(size=5)
     told = replace(law(*pair("friction", argument)), values=tuple(scattered))
-    found = formula(told, covariance)
+    found = fit_simplest_formula(told, covariance)
     assert found is not None
     assert found.name == name, found
 
@@ -310,7 +301,7 @@ def test_a_formula_is_found_where_it_holds(name):
 def test_the_numbers_of_a_formula_give_its_curve():
     """A step between the first two nodes, written out again."""
     told = replace(law(*pair("friction", "slid")), values=(0.0, 0.5, 0.5, 0.5, 0.5))
-    found = formula(told, np.eye(5) * 1e-6)
+    found = fit_simplest_formula(told, np.eye(5) * 1e-6)
     assert found is not None
     assert found.name == "saturating"
     a, b, w = found.numbers
@@ -322,22 +313,25 @@ def test_a_power_may_begin_at_nothing():
     """Cooling as sqrt(v), nothing at rest; not so for a factor, which is one there."""
     nodes = (0.0, 0.1, 0.3)
     values = tuple(60.0 * np.sqrt(nodes))
-    told = Law(*pair("walls", "speed"), nodes, values)
-    found = formula(told, np.diag([1.0, 0.3, 0.3]) ** 2)
+    told = PiecewiseLinearLaw(*pair("walls", "speed"), nodes, values)
+    found = fit_simplest_formula(told, np.diag([1.0, 0.3, 0.3]) ** 2)
     assert found is not None
     assert found.name == "power"
     assert found.numbers[1] == pytest.approx(0.5, abs=0.01)
-    assert formula(Law(*pair("friction", "slid"), nodes, (0.3, 0.2, 0.1)), 1e-6 * np.eye(3)) is None
+    assert (
+        fit_simplest_formula(PiecewiseLinearLaw(*pair("friction", "slid"), nodes, (0.3, 0.2, 0.1)), 1e-6 * np.eye(3))
+        is None
+    )
 
 
 def test_a_formula_is_found_for_the_line_that_is_nearest_to_it():
     """What a fit gives a line over a bend: below the curve at its nodes, or above, by more than the errors."""
-    nodes = spread(0.0, 1.2, begins=True)
-    curve = Law(*pair("friction", "passed"), nodes, (0.0,) * 5)
+    nodes = graded_nodes(0.0, 1.2, decays=True)
+    curve = PiecewiseLinearLaw(*pair("friction", "passed"), nodes, (0.0,) * 5)
     at = np.linspace(0.0, 1.2, 2000)
-    values = np.linalg.lstsq(curve.weights(at), np.log(1.0 + 0.2 * np.exp(-at / 0.15)), rcond=None)[0]
+    values = np.linalg.lstsq(curve.hat_functions(at), np.log(1.0 + 0.2 * np.exp(-at / 0.15)), rcond=None)[0]
     assert np.abs(values - np.log(1.0 + 0.2 * np.exp(-np.array(nodes) / 0.15))).max() > 4e-3
-    found = formula(replace(curve, values=tuple(values)), 1e-6 * np.eye(5))
+    found = fit_simplest_formula(replace(curve, values=tuple(values)), 1e-6 * np.eye(5))
     assert found is not None
     assert found.name == "saturating"
     assert found.numbers[2] == pytest.approx(0.15 / 1.2, rel=0.2)
@@ -348,13 +342,13 @@ def test_a_formula_is_found_for_the_line_that_is_nearest_to_it():
 def test_a_search_for_a_formula_goes_where_no_number_is_so_large(argument):
     """And comes back, without a word: exp(b s) overflows on its way."""
     told = replace(law(*pair("friction", argument)), values=(-211.71, -69.64, 2.2, -74.62, 350.38))
-    assert formula(told, np.eye(5) * 1e-8) is None
+    assert fit_simplest_formula(told, np.eye(5) * 1e-8) is None
 
 
 def test_no_formula_is_given_where_none_fits():
     told = replace(law(*pair("pressure", "place")), values=(0.2, -0.25, 0.2, -0.25, 0.2))
-    assert formula(told, np.eye(5) * 1e-6) is None
-    known = formula(told, np.eye(5))  # known so badly that it may be anything
+    assert fit_simplest_formula(told, np.eye(5) * 1e-6) is None
+    known = fit_simplest_formula(told, np.eye(5))  # known so badly that it may be anything
     assert known is not None
     assert known.name == "constant"
 
@@ -408,27 +402,27 @@ def test_a_law_reaches_over_what_is_fitted():
     """Walls cooled as sqrt(v), all of one speed held out: cooling fell to 0 at that speed, 0 to 47 W/m2K."""
     both = {"schedule.speed": 0.1}, {"schedule.speed": 0.4}
     every, one = (searched(*both, held=held) for held in ((), (1,)))
-    assert {w.argument.name for w in learning._laws(every)} - {w.argument.name for w in learning._laws(one)} == {
+    assert {w.regressor.name for w in learning._laws(every)} - {w.regressor.name for w in learning._laws(one)} == {
         "speed"
     }
 
 
 def test_nodes_between_nodes():
-    law = Law(*pair("friction", "temperature"), spread(20, 60), (0.0, 1.0, 2.0, 3.0, 4.0))
-    assert len(law.finer) == 9
-    assert set(law.nodes) < set(law.finer)
-    assert len(replace(law, nodes=spread(0, 1, MOST)).finer) == MOST
-    assert Law(*pair("friction", "speed"), (0.1, 1.0), (0.0, 1.0)).finer == (0.1, 1.0)
+    law = PiecewiseLinearLaw(*pair("friction", "temperature"), graded_nodes(20, 60), (0.0, 1.0, 2.0, 3.0, 4.0))
+    assert len(law.refined_nodes) == 9
+    assert set(law.nodes) < set(law.refined_nodes)
+    assert len(replace(law, nodes=graded_nodes(0, 1, MAX_NODES)).refined_nodes) == MAX_NODES
+    assert PiecewiseLinearLaw(*pair("friction", "speed"), (0.1, 1.0), (0.0, 1.0)).refined_nodes == (0.1, 1.0)
 
 
 def test_of_a_pressure_only_the_shape_counts():
-    law = Law(*pair("pressure", "place"), spread(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
+    law = PiecewiseLinearLaw(*pair("pressure", "place"), graded_nodes(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
     level = np.full((5, 5), 0.04)  # all nodes together
     centred, covariance = learning._centred(law, level + 1e-4 * np.eye(5))
     at = np.linspace(0.0, 0.025, 1001)
-    assert np.exp(centred.weights(at) @ np.array(centred.values)).mean() == pytest.approx(1.0, abs=1e-3)
+    assert np.exp(centred.hat_functions(at) @ np.array(centred.values)).mean() == pytest.approx(1.0, abs=1e-3)
     assert np.diag(covariance).max() < 3e-4
-    same = Law(*pair("friction", "place"), spread(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
+    same = PiecewiseLinearLaw(*pair("friction", "place"), graded_nodes(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
     assert learning._centred(same, level) == (same, level)
 
 
@@ -504,9 +498,9 @@ def test_what_was_learned_runs_and_reads_like_an_effect(hump):
     assert (hump.folder / "learned.py").is_file()
     assert '"./learned.py"' in (hump.folder / "extended.toml").read_text()
     case = load(hump.folder / "extended.toml", trust=True)
-    assert NAME in case.effects
+    assert EFFECT_NAME in case.effects
     told = np.log(np.interp(hump.verdict.law.nodes, hump.verdict.law.at, hump.verdict.law.curve))
-    in_case = [case[f"{NAME}.at_{k + 1}"] for k in range(len(told))]
+    in_case = [case[f"{EFFECT_NAME}.at_{k + 1}"] for k in range(len(told))]
     np.testing.assert_allclose(told, in_case, atol=2e-3)  # the curve is told at 41 places, not at the nodes
     run = march(case.scene, case.settings)
     assert run.energy_imbalance < 1e-9

@@ -14,6 +14,7 @@ import pytest
 import truth
 from scipy.special import erfc, erfcx
 from truth import laboratory
+from truth.camera import light
 from truth.laboratory import Errors, Programme
 from truth.sliding import Pair, Sliding
 from truth.wall import ALONG, Wall
@@ -122,3 +123,70 @@ def test_thermocouples_compare_as_images_do(tmp_path, lag):
     test = replace(SHORT, pair=pair, fraction=0.3, mu=0.8, beads=beads, lag=lag, wait=4.0, mesh=1.0)
     found = check_agrees(tmp_path, {}, test, 2e-3)
     assert len(found.seeings) == 3
+
+
+# --- mistakes of the set-up -----------------------------------------------------------------------------
+def test_a_mistaken_setup_is_the_test_that_a_corrected_case_describes(tmp_path):
+    """Load, speed, density and length as they really were, put in place of what is stated: nothing is left."""
+    [(pressure, speed)], pair = SHORT.conditions, SHORT.pair
+    wrong = {"load": 1.1, "speed": 1.05, "density": 1.06, "length": 0.025 * pair.length}
+    laboratory.campaign(tmp_path, {}, 1, EXACT, SHORT, views=("sidewall",), beyond=wrong)
+    stated = max(s.rmse_K for s in compare(campaign.load(tmp_path)).seeings)
+    actual = replace(pair, rc=1.06 * pair.rc, length=1.025 * pair.length)
+    (tmp_path / "case.toml").write_text(laboratory.believed(replace(SHORT, pair=actual)))
+    text = (tmp_path / "campaign.toml").read_text()
+    for key, old, new in (("contact.pressure", pressure, 1.1 * pressure), ("schedule.speed", speed, 1.05 * speed)):
+        assert f'"{key}" = {old}' in text
+        text = text.replace(f'"{key}" = {old}', f'"{key}" = {new}')
+    (tmp_path / "campaign.toml").write_text(text)
+    for s in compare(campaign.load(tmp_path)).seeings:
+        agreed = 1e-3 * (np.nanmax(s.predicted) - laboratory.AIR)
+        assert s.rmse_K < agreed
+        assert stated > 3.0 * agreed
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Recordings (file: temperature, time) of two short conditions under a mistake of the set-up."""
+    test = replace(SHORT, distance=0.1, repetitions=1, netd=0.0, conditions=((1.5e5, 0.3), (0.75e5, 0.3)))
+
+    def make(**beyond):
+        import xarray as xr
+
+        folder = tmp_path_factory.mktemp("recordings")
+        laboratory.campaign(folder, {}, 1, EXACT, test, beyond=beyond)
+        read = {f.name: xr.load_dataset(f) for f in sorted(folder.glob("*.nc"))}
+        return {name: (ds.temperature.values, ds.time.values) for name, ds in read.items()}
+
+    return make, make()
+
+
+WALLS = ("condition1_sidewall.nc", "condition2_sidewall.nc")
+
+
+@pytest.mark.parametrize("chosen", [None, WALLS[1:], ("condition1_wake.nc",)])
+def test_a_clock_and_an_emissivity_are_wrong_in_the_recordings_that_are_chosen(recordings, chosen):
+    make, plain = recordings
+    found = make(clock=0.1, emissivity=0.1, recordings=chosen)
+    for name, (T, time) in found.items():
+        wrong = name in (chosen or WALLS)
+        np.testing.assert_allclose(time - plain[name][1], 0.1 * wrong, atol=1e-12)
+        excess, usual = (light(t) - light(laboratory.AIR) for t in (T, plain[name][0]))
+        warm = usual > 1e-3 * usual.max()  # Kirchhoff: a surface that emits less shows less of its own light
+        np.testing.assert_allclose(excess[warm], (0.85 / 0.95 if wrong else 1.0) * usual[warm], rtol=1e-6)
+
+
+def test_images_are_mirrored_or_scaled_one_by_one(recordings):
+    make, plain = recordings
+    for name, (T, _) in make(mirrored=True, recordings=WALLS[:1]).items():
+        usual = plain[name][0]
+        np.testing.assert_allclose(T, usual[..., ::-1] if name == WALLS[0] else usual, atol=1e-9)
+    for name, (T, _) in make(larger=0.03, recordings=WALLS[:1]).items():
+        assert np.array_equal(T, plain[name][0]) == (name != WALLS[0])
+
+
+def test_two_recordings_bear_the_name_of_each_other(recordings):
+    make, plain = recordings
+    names = {**dict.fromkeys(plain), WALLS[0]: WALLS[1], WALLS[1]: WALLS[0]}
+    for name, (T, _) in make(exchanged=WALLS).items():
+        np.testing.assert_array_equal(T, plain[names[name] or name][0])

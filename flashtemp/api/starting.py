@@ -17,6 +17,7 @@ CAMPAIGN = """\
 title = "my campaign"
 case = "case.toml"                       # the model that is believed
 free = ["friction.mu"]                   # what a fit may move; { "friction.mu" = 0.1 } says how well it is known
+# known = { "contact.pressure" = 0.01 }  # how well other stated numbers are known; "0.3 K" of temperatures
 # candidates = ["edge_pressure"]         # all that the catalogue has when not given
 
 [[recording]]                            # one per recording that `flashtemp import` has made

@@ -57,6 +57,7 @@ class Kirchhoff:
         passed = np.trapezoid(rise.mean(axis=1), times) / (times[-1] - times[0])
         level, block = np.array(MEAN * passed), self.scene.block
         gradient = np.mean(self.laws("block.capacity_gradient", 0.0, None, None))
+        capacity = self.laws("block.heat_capacity", 1.0 + gradient * level, self.now.ambient + level, None)
         share = level / self.theta(level) if level else 1.0
-        more = float((1.0 + gradient * level) / self.factor(level))
+        more = float(np.mean(capacity) / self.factor(level))
         return replace(block, heat_capacity=block.heat_capacity * more), float(share)

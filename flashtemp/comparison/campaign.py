@@ -14,6 +14,7 @@ from flashtemp.camera import recording, synthetic, thermocouple_files
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
 from flashtemp.camera.points import of_rows
 from flashtemp.camera.recording import Recording
+from flashtemp.comparison.known_inputs import StatedUncertainty, read_known
 from flashtemp.comparison.means import Means
 from flashtemp.errors import BadInput, nearest
 from flashtemp.model import case as cases
@@ -26,7 +27,7 @@ from flashtemp.showing import Sheet, Shown
 NETD = 0.05  # K, of a camera that is imagined
 READ = 40  # times that imagined thermocouples are read per repetition
 MOST = 3.0  # relative standard deviation of a free key: a factor of 20
-TOP = {"title", "case", "free", "candidates", "recording", "force"}
+TOP = {"title", "case", "free", "known", "candidates", "recording", "force"}
 ENTRY = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out", "camera"},
     "force": {"file", "with", "sigma", "held_out"},
@@ -85,7 +86,7 @@ class Campaign(Shown):
     """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
 
     `trust`: effect files of the case run whose ever they are; `priors` {free key: relative standard deviation} that
-    the campaign states.
+    the campaign states; `known` {key: how well it says that any other stated number is known}.
     """
 
     title: str
@@ -97,6 +98,7 @@ class Campaign(Shown):
     candidates: tuple[str, ...] | None = None
     trust: bool = False
     priors: dict[str, float] = field(default_factory=dict)
+    known: dict[str, StatedUncertainty] = field(default_factory=dict)
 
     @property
     def entries(self) -> tuple[View | Force, ...]:
@@ -168,6 +170,7 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
     priors = reader.priors(raw)
     free = reader.free(tuple(priors) if priors is not None else reader.names(raw, "free"), believed)
+    known = reader.known(raw, believed, free)
     candidates = reader.candidates(raw, believed)
     if said := case_file.title_fault(raw.get("title", "")):
         reader.fault("title", said)
@@ -175,7 +178,7 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
     entered = tuple(views.values()), tuple(forces.values())
-    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {})
+    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {}, known)
 
 
 @dataclass(frozen=True)
@@ -245,6 +248,17 @@ class _Reader:
             if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MOST:
                 self.fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MOST:g}")
         return flat
+
+    def known(
+        self, raw: dict[str, Any], believed: cases.Case | None, free: tuple[str, ...]
+    ) -> dict[str, StatedUncertainty]:
+        """How well stated numbers are known, by key."""
+        if believed is None or "known" not in raw:
+            return {}
+        found, faults = read_known(raw["known"], believed, free)
+        for said in faults:
+            self.fault("known", said)
+        return found
 
     def candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
         """Effects that may be missing, all of them known to the case."""
@@ -348,7 +362,7 @@ class _Reader:
             self.fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
         if not isinstance(given, dict):
             self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
-        elif campaign_wide := sorted({"title", "free", "candidates"} & given.keys()):
+        elif campaign_wide := sorted({"title", "free", "known", "candidates"} & given.keys()):
             self.fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
         elif under is not None:
             try:

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
 from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
 from flashtemp.discovery.nuisances import GROUPS, MODE, is_camera_gain, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import OwnValue, Test
 
 PULL = 4.0  # standard deviations beyond which a calibrated parameter is not what was known
@@ -177,7 +177,7 @@ def _own_sizes(words: Sequence[str], values: Sequence[float], covariance: Array)
 
 def sizes_per_condition(problem: Problem, fit: Fit, effect: str, every: bool = False) -> list[OwnSizes]:
     """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
-    if effect == NAME:
+    if effect == EFFECT_NAME:
         return [size_per_condition(problem, fit, effect, every)]
     return [per_condition(problem, fit, p, every) for p in fit.fitted if p.effect == effect]
 

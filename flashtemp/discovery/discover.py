@@ -18,6 +18,7 @@ from flashtemp.discovery.assessment import HELD, Assessed
 from flashtemp.discovery.camera_sizes import camera_sizes
 from flashtemp.discovery.checklist import checklist
 from flashtemp.discovery.fit import ENOUGH, Fit
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
 from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.laboratory import calibrated
 from flashtemp.discovery.learning import learn
@@ -30,7 +31,6 @@ from flashtemp.discovery.rounds import Watch
 from flashtemp.discovery.scores import separability
 from flashtemp.discovery.search import explore, settled
 from flashtemp.discovery.searched import APART, MORE, NAMED, WEAK, Search, all_traces, calibrate
-from flashtemp.discovery.unknown_law import NAME
 from flashtemp.discovery.verdict import Cause, Found, Held, Verdict
 from flashtemp.discovery.visible import Gain, gain
 from flashtemp.errors import SolverFailure
@@ -334,9 +334,9 @@ def write_extended(search: Search, verdict: Verdict, folder: Path) -> None:
     }
     case = Model(free, effects).on(search.problem.case)
     files = case.copy_files(folder)
-    if NAME in files:  # what was learned lies beside the case, to be read
-        (folder / files[NAME]).rename(folder / f"{NAME}.py")
-        files[NAME] = f"./{NAME}.py"
+    if EFFECT_NAME in files:  # what was learned lies beside the case, to be read
+        (folder / files[EFFECT_NAME]).rename(folder / f"{EFFECT_NAME}.py")
+        files[EFFECT_NAME] = f"./{EFFECT_NAME}.py"
         if not any((folder / "inputs").iterdir()):
             (folder / "inputs").rmdir()
     (folder / "extended.toml").write_text(case.toml(files), encoding="utf-8")

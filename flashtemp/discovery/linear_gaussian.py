@@ -154,6 +154,18 @@ class System:
         out.parts = [replace(p, equations=_moved(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
+    def with_blocks(self, changed: Mapping[str, Block]) -> System:
+        """The same with other blocks by label; products of those that stay are kept."""
+        out = copy(self)
+        out.blocks = [changed.get(b.label, b) for b in self.blocks]
+        out.index = _numbered(out.blocks)
+        out.names = list(out.index)
+        out.parts = [
+            out._products(b) if b.label in changed else replace(p, at=out._at(b))
+            for p, b in zip(self.parts, out.blocks, strict=True)
+        ]
+        return out
+
     def split(self, own: Iterable[ParameterId]) -> System:
         """The same products with some columns of all conditions one for each of them, named with its number."""
         out, mine = copy(self), set(own)
@@ -177,16 +189,21 @@ class System:
     def _at(self, block: Block) -> npt.NDArray[np.int64]:
         return np.array([self.index[n] for n, _ in block.names], dtype=int)
 
-    def total(self, keep: Callable[[Block], bool] | None = None) -> NormalEquations:
-        """Those of the blocks for which keep(block) holds, of those fitted by default."""
+    def total(
+        self, keep: Callable[[Block], bool] | None = None, variances: Mapping[str, float] | None = None
+    ) -> NormalEquations:
+        """Those of the blocks for which keep(block) holds, of those fitted by default.
+
+        `variances` {label: times that the variance of its noise is larger than stated} of blocks.
+        """
         n = len(self.names)
         N, b, rr, count = np.zeros((n, n)), np.zeros(n), 0.0, 0
         for block, part in zip(self.blocks, self.parts, strict=True):
             if keep(block) if keep else not block.held_out:
-                own = part.equations
-                N[np.ix_(part.at, part.at)] += own.matrix
-                b[part.at] += own.right
-                rr, count = rr + own.square, count + own.count
+                own, weight = part.equations, 1.0 / (variances or {}).get(block.label, 1.0)
+                N[np.ix_(part.at, part.at)] += weight * own.matrix
+                b[part.at] += weight * own.right
+                rr, count = rr + weight * own.square, count + own.count
         return NormalEquations(N, b, rr, count)
 
     def left(self, solution: Solution) -> list[float]:

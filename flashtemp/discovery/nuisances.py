@@ -94,7 +94,7 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         elif p.kind in OF_THE_CAMERA or is_camera_gain(p):
             out[p] = (0.0, _usual(recordings[p.file], p))
         elif p.kind in OF_THE_LABORATORY:
-            if p.file or p.kind is Kind.SIZE or p in problem.loose:
+            if p.file or p.kind is Kind.SIZE or p in problem.loose or problem.shared_setup:
                 out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, MODE / p.index[0])

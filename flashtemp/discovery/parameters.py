@@ -37,6 +37,7 @@ class Kind(StrEnum):
     TURN = "turn"  # of a recording's image, rad
     CLOCK = "clock"  # what the frames of a recording are stamped late, s
     SIZE = "size"  # of the block, relative: its length, its width
+    INPUT = "input"  # stated number of case or camera, the same in all conditions: ln of the factor on it, or its unit
 
 
 SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
@@ -74,6 +75,11 @@ class ParameterId:
         return cls(Kind.KEY, name=key)
 
     @classmethod
+    def of_input(cls, key: str) -> ParameterId:
+        """A stated number of case or camera, by its key."""
+        return cls(Kind.INPUT, name=key)
+
+    @classmethod
     def of_effect(cls, effect: str, name: str, variant: int = 0) -> ParameterId:
         """A parameter of an effect; its trace with the shapes of a `variant` beyond the first."""
         return cls(Kind.EFFECT, (variant,) if variant else (), effect, name)
@@ -95,7 +101,7 @@ class ParameterId:
         return int(self.kind is Kind.SHIFT_V)
 
     def __str__(self) -> str:
-        if self.kind is Kind.KEY:
+        if self.kind in (Kind.KEY, Kind.INPUT):
             return self.name
         if self.kind is Kind.EFFECT:
             return f"{self.effect}.{self.name}" + "".join(f"@{n}" for n in self.index)

@@ -5,9 +5,9 @@ A `Task` is all that a worker needs; a `Prediction` is what comes back.  Nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,23 @@ import numpy.typing as npt
 from flashtemp.camera.observation import Seen, observe
 from flashtemp.camera.pixels import Kept
 from flashtemp.camera.placement import Place
-from flashtemp.camera.recording import Recording
+from flashtemp.camera.recording import VIEWS, Recording
 from flashtemp.camera.wall import Face
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
 from flashtemp.discovery import thermocouples
 from flashtemp.discovery.deviations import with_mode, with_scatter
+from flashtemp.discovery.hypotheses.input_steps import (
+    CAMERA_INPUTS,
+    RUN_STEP,
+    has_same_mesh,
+    is_neighbour,
+    stepped_cases,
+)
 from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
 from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
 from flashtemp.model.case import Case
+from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.physics.quantities import KELVIN
@@ -45,7 +53,9 @@ DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole s
 class Derivatives:
     """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
     `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
-    `laboratory`: sizes of the block, by keys of the case that are `held`."""
+    `laboratory`: sizes of the block, by keys of the case that are `held`, by stated `inputs` of case and cameras.
+
+    Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
 
     own: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -55,6 +65,8 @@ class Derivatives:
     optics: bool = False
     laboratory: bool = False
     held: tuple[ParameterId, ...] = ()
+    fields: bool = False
+    inputs: tuple[ParameterId, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,16 +99,18 @@ class Observable:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits."""
+    """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits, and
+    the `full` one where fields are asked for."""
 
     observables: dict[str, Observable]
     run: Run
     steps: dict[ParameterId, float]
+    full: Run | None = None
 
     @property
     def bare(self) -> Prediction:
-        """The same without columns, which blocks hold whitened."""
-        return replace(self, observables={f: replace(o, columns={}) for f, o in self.observables.items()})
+        """The same without columns, which blocks hold whitened, and without fields."""
+        return replace(self, observables={f: replace(o, columns={}) for f, o in self.observables.items()}, full=None)
 
 
 @dataclass(frozen=True)
@@ -137,22 +151,36 @@ def predict(task: Task) -> Prediction:
     moves = dict(_moves(point))
     frames = moments(task.views, scene, {v.file: task.model.place(v.file).clock for v in task.views})
     asked = task.derivatives
-    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.optics else ()
-    settings = replace(case.settings, times=tuple(sorted({*frames, *early})), fields=2)
+    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.optics or asked.fields else ()
+    late = tuple(t + LAG for t in frames if t + LAG < scene.schedule.end) if asked.fields else ()
+    settings = replace(case.settings, times=tuple(sorted({*frames, *early, *late})), fields=2)
     if moves:
         near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
     else:
         near = Neighbourhood[ParameterId](march(scene, settings, case.title), None, {}, {})
-    shown = {view.file: _view(point, view, near, moves) for view in task.views}
-    shown |= {force.file: _force(force, near) for force in task.forces}
+    other = _separate_runs(point, settings, moves)
+    shown = {view.file: _view(point, view, near, moves, other) for view in task.views}
+    shown |= {force.file: _force(force, near, other) for force in task.forces}
     thin = replace(near.run, field=near.run.field[:0], frames=near.run.frames[:0])
-    return Prediction(shown, thin, {k: m.step for k, m in moves.items()})
+    return Prediction(shown, thin, {k: m.step for k, m in moves.items()}, near.run if asked.fields else None)
+
+
+def observe_again(task: Task, run: Run, view: View, model: Model) -> Observable:
+    """A recording whose image lies where another model of the same physics has it, of a run that kept its fields.
+
+    Columns of the camera's own unknowns come along.  A clock may differ by LAG from the one that the run was made for.
+    """
+    base = task.case.with_values(task.given | task.pins)
+    moved = replace(task, model=model, derivatives=Derivatives(optics=True))
+    point = Point(moved, base, model.on(base).scene)
+    return _view(point, view, Neighbourhood[ParameterId](run, None, {}, {}), {}, {})
 
 
 # --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
 def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
     asked = point.task.derivatives
     yield from (pair for p in (*asked.own, *asked.held) for pair in _own(point, p))
+    yield from _inputs(point)
     if not point.scene.schedule.alone:  # else no contact to press or to rub
         if asked.scatter:
             yield from _scatter(point.scene)
@@ -212,8 +240,57 @@ def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]
             yield c.column(k, number), Move(point.neighbour(moved), step)
 
 
+def _inputs(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+    """Stated numbers of the case that leave schedule and cells as they are, or make cells a little larger."""
+    for p in _inputs_of_case(point):
+        for case, step in stepped_cases(point.case, p.name):
+            scene = point.task.model.on(case).scene
+            if is_neighbour(point.scene, scene):
+                yield p, Move(scene, step, stretched=not has_same_mesh(point.scene, scene))
+                break
+
+
+def _inputs_of_case(point: Point) -> tuple[ParameterId, ...]:
+    """Inputs that are keys of the case, without sizes that the laboratory's columns hold already."""
+    images = any(v.recording.places is None for v in point.task.views)
+    twice = SIZES if point.task.derivatives.laboratory and images else ()
+    asked = (p for p in point.task.derivatives.inputs if p.name not in twice)
+    return tuple(p for p in asked if p.name.partition(".")[0] not in VIEWS)
+
+
+@dataclass(frozen=True)
+class SeparateRun:
+    """A run of a scene with one input moved by `step`, whose schedule or mesh no tangent can follow."""
+
+    scene: Scene
+    run: Run
+    step: float
+
+
+def _separate_runs(point: Point, settings: Settings, moves: dict[ParameterId, Move]) -> dict[ParameterId, SeparateRun]:
+    """One run for each stated number of the case that changes the schedule or the cells.
+
+    The step is the one that makes the schedule longer, so that no frame comes after its end.
+    """
+    out = {}
+    views, model = point.task.views, point.task.model
+    clocks = {v.file: model.place(v.file).clock for v in views}
+    for p in _inputs_of_case(point):
+        if p in moves:
+            continue
+        ways = [(model.on(case).scene, step) for case, step in stepped_cases(point.case, p.name, RUN_STEP)]
+        if ways:
+            scene, step = max(ways, key=lambda way: way[0].schedule.end)
+            times = tuple(sorted({*moments(views, scene, clocks)}))
+            out[p] = SeparateRun(scene, march(scene, replace(settings, times=times), point.case.title), step)
+    return out
+
+
 # --- what instruments show ------------------------------------------------------------------------------------
-def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move]) -> Observable:
+def _view(
+    point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move],
+    other: Mapping[ParameterId, SeparateRun] = MappingProxyType({}),
+) -> Observable:  # fmt: skip
     recording, scene, asked = thermocouples.where(view, point.task.model), point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
@@ -222,9 +299,10 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
 
     def see(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
-        place: Place = place,
+        place: Place = place, history: Face | None = None,
     ) -> Array:  # fmt: skip
-        history = face if face is None or run is near.run else face.beside(run, near.level, scene)
+        if history is None and face is not None:
+            history = face if run is near.run else face.beside(run, near.level, scene)
         return mean(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
 
     def mean(values: Array) -> Array:
@@ -241,7 +319,10 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
         keep(name, (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step)
-    for name, change in _in_the_camera(point, see, seen.temperature):
+    for name, one in other.items():
+        history = Face.of(one.run, one.scene) if walls else None
+        keep(name, (see(one.run, one.scene, one.scene.acting, history=history) - seen.temperature) / one.step)
+    for name, change in _in_the_camera(point, see, seen.temperature, recording.view):
         keep(name, change)
     if asked.optics:
         for name, change in _optics(now, recording).items():
@@ -255,8 +336,14 @@ def _view(point: Point, view: View, near: Neighbourhood[ParameterId], moves: dic
     return Observable(seen.temperature, seen.inside, columns)
 
 
-def _in_the_camera(point: Point, see: Callable[..., Array], plain: Array) -> Iterator[tuple[ParameterId, Array]]:
-    """Traces of effects that act in the camera: of candidates, and of those that the model holds."""
+def _in_the_camera(
+    point: Point, see: Callable[..., Array], plain: Array, view: str
+) -> Iterator[tuple[ParameterId, Array]]:
+    """Traces of what acts in the camera: of candidates, of effects that the model holds, of inputs of its `view`."""
+    for name, (effect, param, step) in CAMERA_INPUTS.items():
+        if (p := ParameterId.of_input(f"{view}.{name}")) in point.task.derivatives.inputs:
+            moved = (*point.scene.acting, point.acting(effect, {param: step}))
+            yield p, (see(acting=moved) - plain) / step
     for c in point.task.derivatives.candidates:
         if c.optical:
             for k, a in c.strengths.items():
@@ -305,7 +392,8 @@ def _optics(seen: Seen, recording: Recording) -> Columns:
     return {ParameterId(k): slopes[k.value] for k, is_so in unknown.items() if is_so and slopes}
 
 
-def _force(force: Force, near: Neighbourhood[ParameterId]) -> Observable:
+def _force(force: Force, near: Neighbourhood[ParameterId], other: Mapping[ParameterId, SeparateRun]) -> Observable:
     on, predicted = grip(near.run, force)
     columns = {name: near.slope(lambda run: grip(run, force)[1], name) for name in near.moved}
+    columns |= {name: (grip(one.run, force)[1] - predicted) / one.step for name, one in other.items()}
     return Observable(predicted, on, {k: v.astype(np.float32) for k, v in columns.items()})

@@ -41,7 +41,8 @@ class Problem:
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
     `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
-    `stiff`: images, clocks and the block may hardly be elsewhere than where they are.  Images that were seen to lie far
+    `stiff`: images, clocks and the block may hardly be elsewhere than where they are; `shared_setup`: recordings of a
+    view may share an error of scale, turn and clock besides their own.  Images that were seen to lie far
     from where they are told to begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not
     say}.  `screening` {recording: which defects of its camera were found}.
     """
@@ -55,6 +56,7 @@ class Problem:
     case: Case
     loose: frozenset[ParameterId] = frozenset()
     stiff: bool = False
+    shared_setup: bool = False
     places: dict[str, Place] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     untold: dict[str, tuple[str, ...]] = field(default_factory=dict)

@@ -89,12 +89,13 @@ class Data:
     def blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[Block]:
         """One block per recording and trace; conditions are numbered from `first`."""
         return [
-            self._block(number, entry, prediction.observables[entry.file])
+            self.block(number, entry, prediction.observables[entry.file])
             for number, (c, prediction) in enumerate(zip(self.problem.conditions, predictions, strict=True), first)
             for entry in c.entries
         ]
 
-    def _block(self, number: int, entry: View | Force, seen: Observable) -> Block:
+    def block(self, number: int, entry: View | Force, seen: Observable) -> Block:
+        """One recording or trace as predicted, of a condition with a number."""
         fixed = self.fixed[entry.file]
         own = {p: v for p, v in seen.columns.items() if p not in fixed.names}
         names = self._names([*own, *fixed.names], number, entry)

@@ -34,6 +34,7 @@ class Site:
 PLACE, CONTACT = "x, y, `now.lead`", "x, y, contact fraction and its mean (not the pressure)"
 SPOTS = "T where rubber touches road in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
 ALONE = "nothing at all, `now` is None: a number"
+WARM = "T of the cells, K, and nothing besides: `now` is None"
 FRAME = "`now.recording`, and `now.repetition` of every frame"
 QUANTITIES: dict[str, Quantity] = {
     q.name: q
@@ -95,6 +96,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("block.conductivity", "1", "1", "k(T) over k of the material", "T of the cells, K"),
         Quantity("road.conductivity", "1", "1", "k(T) over k of the material", "T of the cells, K"),
         Quantity("block.conductivity_along", "1", "1", "k along x over k in depth of the rubber", ALONE),
+        Quantity("block.heat_capacity", "1", "1 + gradient (T - T_0)", "c(T) over c of the material", WARM),
+        Quantity("road.heat_capacity", "1", "1 + gradient (T - T_0)", "c(T) over c of the material", WARM),
         Quantity(
             "block.capacity_gradient", "1/K", "0", "slope of rho c with temperature",
             "nothing at all, `now` is None: a number, or one for each cell up the block",

@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Scene
 from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
+from flashtemp.solver.enthalpy import LinearCapacity, TabulatedCapacity, heat_capacity
 from flashtemp.solver.road_frame import RoadFrame
 from flashtemp.solver.winkler import Foundation
 
@@ -115,34 +115,25 @@ class Balance:
         return self.laws.has("block.conductivity") or self.laws.has("road.conductivity")
 
     @cached_property
-    def capacity_gradient(self) -> np.ndarray | None:
-        """Slope of rho c with temperature (cells,) in 1/K, or None where it is constant."""
-        if not (self.laws.has("block.capacity_gradient") or self.laws.has("road.capacity_gradient")):
-            return None
-        mesh = self.scene.mesh
-        slope = np.zeros(mesh.n_plane)
-        slope[mesh.block] = self.laws("block.capacity_gradient", 0.0, None, None)
-        slope[mesh.road] = self.laws("road.capacity_gradient", 0.0, None, None)
-        return np.repeat(slope, mesh.n_across)
+    def heat_capacity(self) -> LinearCapacity | TabulatedCapacity | None:
+        """c/c0 of the cells over temperature, or None where it is constant."""
+        return heat_capacity(self.scene, self.laws)
 
     def counts(self, name: str) -> float:
         """How an entry of the ledger adds to the heat in block and road together."""
         return self.share * LANES[name] if name in LANES else NETS.get(name, 1.0)
 
     def rise(self, h: np.ndarray) -> np.ndarray:
-        """Temperature rise (K) of an enthalpy rise h, for c = c0 (1 + slope rise)."""
-        if self.capacity_gradient is None:
-            return h
-        root = 1 + 2 * self.capacity_gradient * h
-        if not np.min(root.real) > 0:
-            raise SolverFailure("heat capacity fell to zero or below")
-        return 2 * h / (1 + np.sqrt(root))
+        """Temperature rise (cells,) K of an enthalpy rise h.  Raises SolverFailure where c is not positive."""
+        return h if self.heat_capacity is None else self.heat_capacity.rise(h)
 
     def enthalpy(self, rise: np.ndarray) -> np.ndarray:
-        """Inverse of `rise`."""
-        if self.capacity_gradient is None:
-            return rise
-        return rise * (1 + 0.5 * self.capacity_gradient * rise)
+        """Inverse of `rise`, of the first cells where there are fewer."""
+        return rise if self.heat_capacity is None else self.heat_capacity.enthalpy(rise)
+
+    def stretch(self, rise: np.ndarray) -> np.ndarray:
+        """dh/dT (cells,) at temperature rises."""
+        return self.ones if self.heat_capacity is None else self.heat_capacity.relative(rise)
 
     @cached_property
     def initial_depth(self) -> np.ndarray:

@@ -206,7 +206,7 @@ class LinearisedPlane:
             power = slopes.deposits[0] * T[b.cell_block] + slopes.deposits[1] * lane
             out[b.cell_block] -= power
             kernels_2d.deposit(b.deep_cells, b.weight, power, out)
-        h = T if b.capacity_gradient is None else T * self.stretch
+        h = T if b.heat_capacity is None else T * self.stretch
         self.solid.flows(T, h, b.no_inflow, b.no_inflow, self.conductances, self.carry, out)
         if self.bounded is not None:
             self.bounded.add_product(h, out)

@@ -96,7 +96,7 @@ class Linearised:
         """
         b, n = self.b, self.b.n
         h = v[:n]
-        T = h if b.capacity_gradient is None else h / self.stretch
+        T = h if b.heat_capacity is None else h / self.stretch
         out[n:] = 0.0
         lane = fallen = b.idle
         if self.contact is not None:
@@ -123,7 +123,7 @@ class Linearised:
         self.rows.add(T, self.gamma, z)
         if w is not None:
             z[b.worn] += self.gamma * w.heated(T[b.cell_block], w.under.seen(T))
-        if b.capacity_gradient is not None:
+        if b.heat_capacity is not None:
             T *= self.stretch
 
 

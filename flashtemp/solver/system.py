@@ -174,8 +174,7 @@ class System:
 
     def entering_enthalpy(self, T_in: np.ndarray) -> np.ndarray:
         """Enthalpy rise (n_road n_across,) of road that enters with a rise T_in."""
-        gradient = self.b.capacity_gradient
-        return T_in if gradient is None else T_in * (1 + 0.5 * gradient[: len(T_in)] * T_in)
+        return self.b.enthalpy(T_in)
 
     def placed(self, now, y: np.ndarray) -> np.ndarray:
         """A state as it lies under the block: road in its own frame is moved on, behind road that enters."""
@@ -256,7 +255,7 @@ class System:
         T = b.rise(y[: b.n])
         kf = self.solid.conduction(T, now)
         carry = b.carry(now)
-        stretch = b.ones if b.capacity_gradient is None else 1.0 + b.capacity_gradient * T
+        stretch = b.stretch(T)
         contact = self.felt(now, y, T, kf, slopes=True)
         slopes, rows, books = contact_slopes(b, contact, self._at_walls(contact, now, T, kf))
         rows["lane_out"].append(leaving_slopes(b, carry, stretch))

@@ -14,6 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 from truth import thermocouples
 from truth.asperities import kept
 from truth.camera import Geometry, Optics, look
+from truth.setup_errors import SetupErrors
 from truth.sliding import Pair, Sliding, firmness, impulse
 from truth.uncooled_camera import CameraErrors, draw_errors, record
 from truth.wall import Wall
@@ -280,16 +281,15 @@ def campaign(
 ):  # fmt: skip
     """Write campaign.toml, case.toml, recordings and load-cell traces into `folder`; what was drawn.
 
-    `beyond` replaces errors of every image: `larger`, `turned` (rad), `mirrored`; or `length` (m) of the block.  `flaw`
-    (K) is a smooth error in the wake's frames, such as a solver makes.  `uncooled`: cameras with the errors of
-    `uncooled_camera`, one drawn for each view; or errors that both have.
+    `beyond` gives fields of `SetupErrors`.  `flaw` (K) is a smooth error in the wake's frames, such as a solver makes.
+    `uncooled`: cameras with the errors of `uncooled_camera`, one drawn for each view; or errors that both have.
     """
     folder, hidden, errors, test = Path(folder), Hidden(hidden or {}), errors or Errors(), test or Programme()
     folder.mkdir(parents=True, exist_ok=True)
-    rng, beyond = np.random.default_rng([seed, 5]), dict(beyond or {})
+    rng, setup = np.random.default_rng([seed, 5]), SetupErrors(**(beyond or {}))
     drawn = _Draw(rng, errors, np.random.default_rng([seed, 6]))
-    length = test.pair.length + drawn(errors.length) + beyond.pop("length", 0.0)
-    pair = replace(test.pair, columns=test.columns, length=length)
+    length = test.pair.length + drawn(errors.length) + setup.length
+    pair = replace(test.pair, columns=test.columns, length=length, rc=test.pair.rc * setup.density)
     common = {k: float(np.exp(drawn(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
     truth = {
         "hidden": hidden.sizes,
@@ -297,7 +297,7 @@ def campaign(
         "length": length,
         "drawn": common,
         "recordings": {},
-        "beyond": beyond,
+        "beyond": dict(beyond or {}),
     }
     lines = [f'title = "independent laboratory {seed}"', 'case = "case.toml"']
     free = ["friction.mu", "contact.spot_fraction", "ambient.convection"] if free is None else free
@@ -310,8 +310,8 @@ def campaign(
             pair,
             test,
             hidden,
-            pressure,
-            speed,
+            pressure * setup.load,
+            speed * setup.speed,
             mu,
             test.fraction * common["fraction"],
             test.convection * common["convection"],
@@ -328,7 +328,7 @@ def campaign(
             seeds = (seed, views.index(view), number)
             camera = _Uncooled.drawn(seeds, uncooled) if uncooled else None
             truth["recordings"][name] = _record(
-                folder / name, view, world, sliding, seen, drawn, late, beyond, flaw, camera
+                folder / name, view, world, sliding, seen, drawn, late, setup, flaw, camera
             )
             lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(test.netd, 1e-3)}"]
         if test.beads:
@@ -340,6 +340,7 @@ def campaign(
         rows = np.column_stack([times, mu_read])
         np.savetxt(folder / name, rows, delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
         lines += ["", "[[force]]", f'file = "{name}"', given, f"sigma = {CELL}"]
+    setup.exchange_recordings(folder)
     (folder / "case.toml").write_text(believed(test))
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
     return truth
@@ -382,7 +383,7 @@ def _clock(drawn, errors):
     return lambda t, r: t + offset + rate * t * (1.0 if r > 1 else 0.5)
 
 
-def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw, camera=None):
+def _record(file, view, world, sliding, moments, drawn, late, setup, flaw, camera=None):
     """Write one recording; its own errors."""
     errors, pair, test = drawn.errors, world.pair, world.test
     pitch, length, side = test.pitch[view], test.pair.length, round(0.5 * pair.width + 5e-3, 9)
@@ -397,11 +398,13 @@ def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw, came
         (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned)),
         fixed=drawn.fixed(),
     )  # fmt: skip
-    geometry = replace(geometry, **beyond) if view == "sidewall" else geometry
+    concerned = setup.concerns(file.name)
+    geometry = setup.place_image(geometry) if concerned else geometry
     waves = [(m, n, drawn(errors.map)) for m, n in ((1, 0), (0, 1), (1, 1), (2, 1))]
     a, b = np.linspace(0.0, 1.0, len(u)), np.linspace(0.0, 1.0, len(v))[:, None]
     gain = 1.0 + sum(k * np.sin(np.pi * m * (a - 0.4)) * np.cos(np.pi * n * (b - 0.3)) for m, n, k in waves)
-    optics = Optics(0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0), gain=gain)
+    psf, emissivity = 0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0)
+    optics = Optics(psf, emissivity - (setup.emissivity if concerned else 0.0), gain=gain)
     box = _box(view, pair, test.behind)
     T = np.array([look(_seen(view, world, sliding, m), box, AIR + world.air(m.t), u, v, optics, geometry)
                   for m in moments])  # fmt: skip
@@ -416,7 +419,7 @@ def _record(file, view, world, sliding, moments, drawn, late, beyond, flaw, came
         T = record(T, time, camera.errors, camera.device, camera.rng, fixed + noise, motion)
     else:
         T = T + fixed + noise
-    lag = world.hidden("time_lag")
+    lag = world.hidden("time_lag") + (setup.clock if concerned else 0.0)
     time = np.array([late(m.t, m.repetition) + lag for m in moments])
     _write(file, view, T, time, [m.repetition for m in moments], u, v, test.netd)
     out = {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}

@@ -212,7 +212,7 @@ def _alone(of: Laws, q: Question, lead: np.ndarray) -> Iterator[str]:
     T = shake.pop("T", q.T)
     now = _moved(q.now, **shake)
     every = np.broadcast_to(q.ask(of.p, T=T, now=now), lead.shape)
-    fields = {n: v for n in type(now)._fields if np.ndim(v := getattr(now, n)) == lead.ndim}
+    fields = {n: v for n in getattr(now, "_fields", ()) if np.ndim(v := getattr(now, n)) == lead.ndim}
     own = {n: v[:1] for n, v in fields.items() if len(v) == len(lead)}
     alone = np.broadcast_to(q.ask(of.p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
     yield from _same(of, q, alone, every[:1])

@@ -1,0 +1,299 @@
+"""Run `discover` on a folder of stored campaigns and compare its verdicts with what was hidden.
+
+    python benchmarks/campaigns.py run FOLDER RESULTS.jsonl [--processes N] [--limit SECONDS] [--engine MODULE]
+    python benchmarks/campaigns.py table RESULTS.jsonl [OTHER.jsonl]
+
+`--only GLOB` restricts either to names that fit.  FOLDER/NAME/campaign is a campaign.  FOLDER/NAME/truth.json holds
+`kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for a mistake of the set-up,
+`setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from fnmatch import fnmatch
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ENGINE = "flashtemp.discovery.discover"
+LIMIT_S = 300
+WALL_PER_CPU = 10  # wall seconds per CPU second after which a process that waits for something is ended
+Z_BINS = ((0.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, math.inf))
+OUTCOMES = (
+    "right", "extra", "part", "group", "weak", "law", "input", "none", "unexplained", "no_verdict", "wrong",
+    "weak wrong", "timeout", "failed",
+)  # fmt: skip
+CORRECT = ("right", "extra", "part", "group", "weak")  # outcomes whose causes include a hidden effect
+EXPECTED = {  # causes and inputs that count as right for a mistake of the set-up; several where they share an effect
+    "length": ("block_length", "block.length", "pixel_scale"),
+    "larger": ("pixel_scale", "block_length", "block.length"),
+    "turned": ("image_turn",),
+    "mirrored": ("mirrored",),
+    "exchanged": ("exchanged", "mislabelled"),
+    "clock": ("clock", "time_lag"),
+    "load": ("contact.pressure", "pressure", "load"),
+    "speed": ("schedule.speed", "speed"),
+    "density": ("materials.rubber.density", "materials.rubber.heat_capacity"),
+    "emissivity": ("emissivity",),
+}
+Record = dict[str, Any]
+
+
+# --- one campaign, in a process of its own ----------------------------------------------------------------------
+def judge_campaign(folder: Path, engine: str, limit: int) -> Record:
+    """Verdict of an engine on FOLDER/campaign, with the CPU and wall seconds that it took."""
+    from discover import counting_time
+
+    from flashtemp.comparison import campaign
+
+    discover = import_module(engine).discover
+    count_s = counting_time()
+    soft = math.ceil(time.process_time()) + limit
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (soft, soft + 10))
+    cpu, wall = time.process_time(), time.perf_counter()
+    try:
+        found = discover(campaign.load(folder / "campaign"), partial(print, file=sys.stderr, flush=True), 1)
+        out = describe_verdict(found[0] if isinstance(found, tuple) else found, read_truth(folder)["hidden"])
+    except Exception:  # a failure is a result too
+        out = {"verdict": "failed", "error": traceback.format_exc(limit=-6)}
+    spent = {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall}
+    return out | spent | {"count_s": count_s}
+
+
+def read_truth(folder: Path) -> Record:
+    """truth.json, or nothing hidden of unknown kind where there is none."""
+    file = folder / "truth.json"
+    truth = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    return {"kind": truth.get("kind", "unknown"), "hidden": truth.get("hidden", {}), "setup": truth.get("setup", {})}
+
+
+def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Record:
+    """What the tables need of a verdict."""
+    effects = [c for c in verdict.causes if not c.laboratory]
+    causes = {c.effect: c.ln_bayes for c in effects}
+    scores = {r.effect: r.score for r in verdict.rivals} | causes
+    freed = [k.key for k in [verdict.held_key] if k and k.freed]
+    parameters = [
+        {"name": p.name, "value": p.value, "stderr": p.stderr, "ci95": list(p.ci95),
+         "true": hidden.get(c.effect, {}).get(p.name.rpartition(".")[2])}
+        for c in effects for p in c.parameters
+    ]  # fmt: skip
+    return {
+        "verdict": verdict.kind,
+        "effects": list(causes),
+        "inputs": [*(c.effect for c in verdict.causes if c.laboratory), *freed],
+        "group": list(verdict.group),
+        "parameters": parameters,
+        "best": sorted(scores.items(), key=lambda item: -item[1])[:3],
+        "z": signal_to_noise(verdict, hidden),
+        "excess": {k: [float(v), float(limit)] for k, (v, limit) in verdict.gates.items() if v > limit},
+        "says": list(verdict.says),
+    }
+
+
+def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[str, float]:
+    """z of every hidden effect that was a candidate: its true size over the size that is detected at 5 sigma."""
+    from flashtemp.physics.effect import find
+
+    out = {}
+    for rival in verdict.rivals:
+        parameter = rival.parameter.rpartition(".")[2]
+        true = hidden.get(rival.effect, {}).get(parameter)
+        if true is not None and rival.detectable > 0.0:
+            off = find(rival.effect).params()[parameter].off or 0.0
+            out[rival.effect] = 5.0 * abs(true - off) / rival.detectable
+    return out
+
+
+# --- all campaigns ----------------------------------------------------------------------------------------------
+def run_campaigns(folder: Path, results: Path, pattern: str, engine: str, processes: int, limit: int) -> None:
+    """Append one line to `results` for every campaign that it does not hold yet."""
+    done = {r["name"] for r in read_records(results)} if results.exists() else set()
+    found = sorted(p.parent.parent for p in folder.glob("*/campaign/campaign.toml"))
+    waiting = [p for p in found if p.name not in done and fnmatch(p.name, pattern)]
+    with ThreadPoolExecutor(processes) as pool, results.open("a", encoding="utf-8") as out:
+        for future in as_completed([pool.submit(run_in_child, p, engine, limit) for p in waiting]):
+            record = future.result()
+            out.write(json.dumps(record, default=float) + "\n")
+            out.flush()
+            print(summarise_record(record), flush=True)
+
+
+def run_in_child(folder: Path, engine: str, limit: int) -> Record:
+    """Record of one campaign: truth and verdict, `timeout` beyond the limit, `failed` where the process broke."""
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as scratch:
+        out, log = Path(scratch, "record.json"), Path(scratch, "log.txt")
+        words = [sys.executable, __file__, "child", str(folder), str(out), "--engine", engine, "--limit", str(limit)]
+        with log.open("w") as text:
+            child = subprocess.Popen(words, stdout=text, stderr=text, env=os.environ | {"OMP_NUM_THREADS": "1"})
+            guard = threading.Timer(WALL_PER_CPU * (limit + 10), child.kill)
+            guard.start()
+            status = child.wait()
+            guard.cancel()
+        lines = log.read_text(errors="replace").splitlines()
+        if status == 0:
+            found = json.loads(out.read_text())
+        else:
+            wall = time.perf_counter() - began
+            over = status == -signal.SIGXCPU or wall > WALL_PER_CPU * (limit + 10)
+            found = {"verdict": "timeout" if over else "failed", "stage": lines[-1] if lines else "", "wall_s": wall}
+            found |= {"cpu_s": float(limit)} if over else {"error": "\n".join([f"exit status {status}", *lines[-12:]])}
+    return {"name": folder.name, **read_truth(folder), "engine": engine, **found}
+
+
+def read_records(file: Path) -> list[Record]:
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+
+
+def summarise_record(r: Record) -> str:
+    """One line for the terminal."""
+    z = "".join(f" z={v:.0f}" for v in r.get("z", {}).values())
+    return f"{r['name']}: {describe_truth(r)}{z} -> {classify(r)}: {describe_end(r)}"
+
+
+def describe_truth(r: Record) -> str:
+    return " + ".join([*r["hidden"], *(name for name in r["setup"] if name in EXPECTED)]) or "nothing"
+
+
+def describe_end(r: Record) -> str:
+    """Verdict, causes and CPU seconds in a few words."""
+    names = ", ".join([*r.get("effects", []), *r.get("inputs", [])])
+    others = f" of {', '.join(r['group'])}" if r.get("group") else ""
+    return f"{r['verdict']} {names}{others} ({r.get('cpu_s', math.nan):.0f} s)"
+
+
+# --- tables -----------------------------------------------------------------------------------------------------
+def classify(r: Record) -> str:
+    """One of OUTCOMES: how a verdict compares with what was hidden."""
+    verdict, hidden, effects = r["verdict"], set(r["hidden"]), set(r.get("effects", []))
+    if verdict in ("timeout", "failed", "no_verdict", "unexplained"):
+        return verdict
+    inputs, group = set(r.get("inputs", [])), set(r.get("group", []))
+    if r["kind"] == "setup":
+        hidden = {name for mistake in r["setup"] for name in EXPECTED.get(mistake, ())}
+        if hidden & (inputs | effects):
+            return "right"
+    if verdict == "none_needed":
+        return "none"
+    if verdict == "weak":
+        return "weak" if effects <= hidden else "weak wrong"
+    if verdict == "group":
+        return "group" if hidden & group else "wrong"
+    if verdict == "learned":
+        return "right" if r["kind"] == "outside" else "law"
+    if not effects:
+        return "wrong" if r["kind"] == "setup" else "input"
+    if effects == hidden:
+        return "right"
+    return "extra" if hidden and effects > hidden else "part" if effects < hidden else "wrong"
+
+
+def label(r: Record) -> str:
+    """Row of the table: kind, and bin of the largest z of a single effect or of the weaker one of a pair."""
+    if r["kind"] not in ("single", "pair"):
+        return str(r["kind"])
+    z = r.get("z", {})
+    if len(z) < len(r["hidden"]):
+        return f"{r['kind']}, z unknown"
+    low, high = next(b for b in Z_BINS if b[0] <= min(z.values()) < b[1])
+    return f"{r['kind']}, z {low:.0f} to {high:.0f}"
+
+
+def tabulate(records: list[Record]) -> Iterator[str]:
+    """Lines of the tables: outcomes, coverage of the intervals, CPU seconds."""
+    counts: dict[str, Counter[str]] = {}
+    for r in sorted(records, key=lambda r: (r["kind"], min(r.get("z", {}).values(), default=math.inf))):
+        counts.setdefault(label(r), Counter())[classify(r)] += 1
+    heads = [o for o in OUTCOMES if any(c[o] for c in counts.values())]
+    yield "| hidden | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|"
+    for name, count in counts.items():
+        yield f"| {name} | {count.total()} | " + " | ".join(str(count[o]) for o in heads) + " |"
+    yield ""
+    kinds = {kind: [r for r in records if r["kind"] == kind] for kind in sorted({r["kind"] for r in records})}
+    for kind, own in {**kinds, "all": records}.items():
+        if spent := [r["cpu_s"] for r in own if "cpu_s" in r]:
+            middle, p90 = np.quantile(spent, (0.5, 0.9))
+            yield f"{kind}: CPU s median {middle:.1f}, p90 {p90:.1f}, max {max(spent):.1f}{summarise_coverage(own)}"
+    if seconds := [r["count_s"] for r in records if "count_s" in r]:
+        yield f"the machine counts to ten million in {np.median(seconds):.2f} s"
+
+
+def summarise_coverage(records: list[Record]) -> str:
+    """How many 95 % intervals of rightly named effects hold the truth, with Clopper and Pearson's 95 % bounds."""
+    from scipy.stats import binomtest
+
+    known = [p for r in records if classify(r) in CORRECT for p in r["parameters"] if p["true"] is not None]
+    if not known:
+        return ""
+    inside = sum(p["ci95"][0] <= p["true"] <= p["ci95"][1] for p in known)
+    low, high = binomtest(inside, len(known)).proportion_ci(0.95, method="exact")
+    return f"; 95 % intervals hold the truth in {inside} of {len(known)} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def compare_records(first: list[Record], second: list[Record]) -> Iterator[str]:
+    """Lines about campaigns of both files: each file's tables, then every verdict that changed."""
+    others = {r["name"]: r for r in second}
+    pairs = [(a, others[a["name"]]) for a in first if a["name"] in others]
+    # z belongs to the campaign: both runs are counted in the same bin, also where one of them timed out
+    pairs = [(a | {"z": a.get("z") or b.get("z", {})}, b | {"z": a.get("z") or b.get("z", {})}) for a, b in pairs]
+    for side, title in enumerate(("first file", "second file")):
+        yield f"\n{title}, {len(pairs)} campaigns in both"
+        yield from tabulate([p[side] for p in pairs])
+    yield "\n| campaign | hidden | z | first | second |\n|---|---|---|---|---|"
+    for a, b in pairs:
+        if (classify(a), a.get("effects"), a.get("inputs")) != (classify(b), b.get("effects"), b.get("inputs")):
+            z = ", ".join(f"{v:.0f}" for v in a["z"].values())
+            cells = (f"{classify(r)}: {describe_end(r)}" for r in (a, b))
+            yield f"| {a['name']} | {describe_truth(a)} | {z} | {' | '.join(cells)} |"
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, names in (("run", ("folder", "results")), ("child", ("folder", "results")), ("table", ("results",))):
+        command = commands.add_parser(name)
+        for positional in names:
+            command.add_argument(positional, type=Path)
+        command.add_argument("--only", default="*", help="names of campaigns, as a glob pattern")
+        command.add_argument("--engine", default=ENGINE, help="module with discover(campaign, watch, workers)")
+        command.add_argument("--limit", type=int, default=LIMIT_S, help="CPU seconds of one campaign")
+        command.add_argument("--processes", type=int, default=1)
+    commands.choices["table"].add_argument("other", type=Path, nargs="?")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run campaigns, or print the tables of one or two files."""
+    args = parse_arguments()
+    if args.command == "child":
+        args.results.write_text(json.dumps(judge_campaign(args.folder, args.engine, args.limit), default=float))
+    elif args.command == "run":
+        run_campaigns(args.folder, args.results, args.only, args.engine, args.processes, args.limit)
+    else:
+        files = [f for f in (args.results, args.other) if f is not None]
+        records = [[r for r in read_records(f) if fnmatch(r["name"], args.only)] for f in files]
+        print(*(tabulate(records[0]) if len(records) == 1 else compare_records(*records)), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""Hyperparameters of a fit by maximum evidence, and the solution of all linear unknowns at them.
+
+Sizes of the errors that nobody states (friction scatter, free pressure shapes, the model's own error, each family of
+camera errors) maximise the marginal likelihood: "evidence maximisation" of MacKay (Neural Computation 4, 1992, 415),
+"type-II maximum likelihood" elsewhere.  The variance of the noise of each recording is one of them, never below the
+stated one: where a model misfits, its noise is taken as large as its misfit (Birge, Phys. Rev. 40, 1932, 207), so that
+no recording pulls harder than it can be explained, and priors keep their say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from flashtemp.discovery.camera_errors import NONE
+from flashtemp.discovery.floor import LARGEST, LEAST
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.nuisances import is_camera_gain, nuisances, rescaled
+from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, Priors
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.scales import COSTS, _likeliest
+
+MAX_SWEEPS = 6  # over noise variances and sizes in turn
+VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the sweeps end
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Sizes that maximise the evidence: `scale` of free pressure shapes and scatter, `discrepancy` of the model itself
+    (fraction of the rise), `families` of camera errors (times the usual size), `variances` of the noise of recordings
+    {label: times the stated variance, at least 1}."""
+
+    scale: float
+    discrepancy: float
+    families: Mapping[Kind, float] = field(default_factory=lambda: NONE)
+    variances: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """The `solution` of all linear unknowns with their `priors` at the `hyper` parameters of largest evidence."""
+
+    solution: Solution
+    priors: Priors
+    hyper: Hyperparameters
+
+
+def estimate(
+    problem: Problem, system: System, model: Model, more: Priors, *, variances: Mapping[str, float] | None = None,
+    equations: NormalEquations | None = None, discrepancies: tuple[float, ...] = (LARGEST, LEAST),
+) -> Estimated:  # fmt: skip
+    """Nuisances as seen from a point, and `more` unknowns, at the hyperparameters of largest evidence.
+
+    With `variances` the noise stays as it is; `equations` are then those of the system with them, if they are known.
+    """
+    plain = nuisances(problem, system.names, model)
+    if variances is not None:
+        asked = equations or system.total(variances=variances)
+        return _estimate(system, plain, more, asked, variances, discrepancies, problem)
+    found, now = None, {b.label: 1.0 for b in system.blocks}
+    for _ in range(MAX_SWEEPS):
+        found = _estimate(system, plain, more, system.total(variances=now), now, discrepancies, problem)
+        wanted = noise_variances(system, found.solution)
+        if all(abs(wanted[k] - now[k]) <= VARIANCE_TOLERANCE * now[k] for k in now):
+            break
+        now = wanted
+    assert found is not None
+    return found
+
+
+def noise_variances(system: System, solution: Solution) -> dict[str, float]:
+    """Variance of the noise of every block that its residual asks for, in units of the stated one, at least 1.
+
+    This is the square of Birge's ratio: chi2 per datum where that exceeds one.
+    """
+    left = zip(system.blocks, system.left(solution), strict=True)
+    return {b.label: max(1.0, chi2 / b.count) for b, chi2 in left}
+
+
+def _estimate(
+    system: System, plain: Priors, more: Priors, equations: NormalEquations, variances: Mapping[str, float],
+    discrepancies: tuple[float, ...], problem: Problem,
+) -> Estimated:  # fmt: skip
+    best = _likeliest(system, plain | more, more, equations, discrepancies, True)
+    priors = rescaled(plain, best.scale, best.floor, best.families) | more
+    solution = system.completed(system.solve(priors, equations), priors)
+    families = {p.kind for p in priors if p.kind in OF_THE_CAMERA or is_camera_gain(p)}
+    # a larger variance of n data costs n/2 of its logarithm: the normalisation of their normal distribution
+    noise = 0.5 * sum(b.count * np.log(variances.get(b.label, 1.0)) for b in system.blocks if not b.held_out)
+    solution = replace(solution, ln_evidence=solution.ln_evidence - COSTS * len(families) - noise)
+    return Estimated(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))
+
+
+def at_hyperparameters(problem: Problem, system: System, model: Model, hyper: Hyperparameters, more: Priors) -> Priors:
+    """Priors of the nuisances as seen from a point, and of `more`, at given hyperparameters."""
+    plain = nuisances(problem, system.names, model)
+    return rescaled(plain, hyper.scale, hyper.discrepancy, hyper.families) | more

@@ -1,0 +1,171 @@
+"""Where images lie, solved to convergence on predicted fields, without simulating anything again.
+
+Place, scale, turn and clock of an image, and place and time constant of a thermocouple, change what is seen of a
+temperature field but not the field.  With the physics fixed they are found by Gauss-Newton steps on images predicted
+anew from the same fields: the inner loop of variable projection (Golub and Pereyra, Inverse Problems 19, 2003, R1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, at_hyperparameters
+from flashtemp.discovery.estimation.trust_region import Quadratic, TrustRegion
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Array, System
+from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.parameters import BEADS, PLACED, SHIFTS, Kind, ParameterId, Priors
+from flashtemp.discovery.prediction import LAG, Prediction, Task, observe_again
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import FlashtempError, SolverFailure
+
+MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
+NEGLIGIBLE_GAIN = 0.1  # ln evidence: no decision turns on less
+# Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
+STEP_SCALE = {
+    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * LAG, Kind.PLACE: 2.5e-4,
+    Kind.LAG: 0.25,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """A model with what it predicts and the linearised `system` there; `tasks` that made the predictions."""
+
+    model: Model
+    tasks: tuple[Task, ...]
+    predictions: tuple[Prediction, ...]
+    system: System
+
+    def bare(self) -> Linearisation:
+        """The same without the fields of the runs."""
+        return replace(self, predictions=tuple(p.bare for p in self.predictions))
+
+
+def image_parameters(system: System) -> tuple[ParameterId, ...]:
+    """Parameters of images and sensors that a system has columns for, each recording's own."""
+    own = (*SHIFTS, *PLACED)
+    return tuple(p for p in system.names if p.kind in BEADS or (p.kind in own and p.file))
+
+
+def align_images(
+    problem: Problem, data: Data, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
+) -> Linearisation:
+    """Images where the data want them with the physics (`fixed` parameters) as it is.  Raises SolverFailure."""
+    marched, region = at.model, TrustRegion()
+    value = objective(problem, at, hyper, fixed)
+    for _ in range(MAX_ALIGNMENTS):
+        names, model = _quadratic(problem, at, hyper, fixed, marched)
+        if model.reduction(model.best_step()) < NEGLIGIBLE_GAIN:
+            break
+        scale = np.array([STEP_SCALE[p.kind] for p in names])
+        step = region.step(model, scale)
+        trial = _seen_again(problem, data, at, moved_images(at.model, dict(zip(names, step.tolist(), strict=True))))
+        there = objective(problem, trial, hyper, fixed)
+        ratio = (value - there) / max(model.reduction(step), 1e-300)
+        region = region.after(ratio, step, scale)
+        if ratio > 0.0:
+            at, value = trial, there
+    return at
+
+
+def objective(problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]) -> float:
+    """Half of chi2 of data and priors at a point: physics and images stand still, all else is at its optimum.
+
+    Priors of `fixed` parameters of the physics are not counted.
+    """
+    images = image_parameters(at.system)
+    free = _nuisance_priors(problem, at, hyper, fixed)
+    found = at.system.solve(free, at.system.total(variances=hyper.variances))
+    mean, precision = _image_prior(problem, at, images)
+    return 0.5 * (found.chi2 + float(mean @ precision @ mean))
+
+
+def _quadratic(
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], marched: Model
+) -> tuple[tuple[ParameterId, ...], Quadratic]:
+    """The objective to second order in what images and sensors do."""
+    images = image_parameters(at.system)
+    free = _nuisance_priors(problem, at, hyper, fixed)
+    keep = at.system.total(lambda b: True, hyper.variances)  # cameras of data that are held out stand somewhere too
+    found = at.system.projected(free, list(images), keep)
+    mean, precision = _image_prior(problem, at, images)
+    limits = [_clock_limits(p, at.model, marched) for p in images]
+    low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
+    return images, Quadratic(found.score + precision @ mean, found.information + precision, low, high)
+
+
+def _nuisance_priors(
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
+) -> Priors:
+    """Priors of everything linear but what images and sensors do."""
+    priors = at_hyperparameters(problem, at.system, at.model, hyper, {})
+    moving = (*SHIFTS, *PLACED, *BEADS)
+    return {p: v for p, v in priors.items() if p not in fixed and p.kind not in moving}
+
+
+def _image_prior(problem: Problem, at: Linearisation, images: tuple[ParameterId, ...]) -> tuple[Array, Array]:
+    """Means (k,), as seen from a point, and precision (k, k) of images' parameters: each its own error, and one that
+    all images of a view share."""
+    views = {v.file: v.recording.view for v in problem.campaign.views}
+    priors = nuisances(problem, at.system.names, at.model)
+    mean, sd = (np.array([priors[p][i] for p in images]) for i in (0, 1))
+    covariance = np.diag(sd**2)
+    for p in priors:
+        if p.kind in PLACED and not p.file:
+            own = [i for i, q in enumerate(images) if q.kind is p.kind and q.file and views[q.file] == p.name]
+            covariance[np.ix_(own, own)] += priors[p][1] ** 2
+    return mean, np.linalg.inv(covariance)
+
+
+def moved_images(model: Model, steps: Mapping[ParameterId, float]) -> Model:
+    """The model with its images and sensors moved."""
+    for p, step in steps.items():
+        if p.kind in SHIFTS:
+            shift = list(model.shift(p.file))
+            shift[p.axis] += step
+            model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
+        else:
+            model = model.moved(p, step)
+    return model
+
+
+def _clock_limits(p: ParameterId, model: Model, marched: Model) -> tuple[float, float]:
+    """How far a clock may step down and up: fields were kept within LAG of the one that the run was made for."""
+    if p.kind is not Kind.CLOCK:
+        return -np.inf, np.inf
+    now, middle = model.placed(p), marched.placed(p)
+    return min(middle - LAG - now, 0.0), max(middle + LAG - now, 0.0)
+
+
+def _seen_again(problem: Problem, data: Data, at: Linearisation, model: Model) -> Linearisation:
+    """The linearisation with images predicted again where they moved; columns of the physics stay."""
+    changed, predictions = {}, []
+    blocks = {b.label: b for b in at.system.blocks}
+    for number, (task, prediction) in enumerate(zip(at.tasks, at.predictions, strict=True)):
+        shown = dict(prediction.observables)
+        for view in task.views:
+            if not _moves(view.file, at.model, model):
+                continue
+            assert prediction.full is not None
+            try:
+                observable = observe_again(task, prediction.full, view, model)
+            except FlashtempError as fault:
+                raise SolverFailure(str(fault)) from fault
+            block = data.block(number, view, observable)
+            changed[view.file] = block.joined(blocks[view.file], lambda p: True)
+            shown[view.file] = replace(observable, columns={})
+        predictions.append(replace(prediction, observables=shown))
+    return Linearisation(model, at.tasks, tuple(predictions), at.system.with_blocks(changed))
+
+
+def _moves(file: str, before: Model, after: Model) -> bool:
+    """Whether an image lies elsewhere, or any sensor does: sensors carry names that several recordings share."""
+    return (
+        before.shift(file) != after.shift(file) or before.place(file) != after.place(file)
+        or before.beads != after.beads
+    )  # fmt: skip

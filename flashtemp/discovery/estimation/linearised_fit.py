@@ -1,0 +1,113 @@
+"""A model at the best point of its fit: the linearised system there, its solution, and how the fit ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, estimate
+from flashtemp.discovery.floor import LARGEST
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.parameters import ParameterId, Priors
+from flashtemp.discovery.prediction import Prediction
+from flashtemp.discovery.problem import Problem
+
+
+class Status(StrEnum):
+    """How a fit ended."""
+
+    CONVERGED = "converged"  # no step promises a gain that any decision could feel
+    STALLED = "stalled"  # steps that promise a gain do not give it: the numerics' own noise, or a kink
+    BUDGET = "budget"  # as many simulations as a fit may have
+    OUTRUN = "outrun"  # another hypothesis explains more than this one could reach
+    FAILED = "failed"  # nothing could be simulated
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model at its best point: `predictions` there, the linearised `system`, its `solution` with `priors` as seen
+    from the point, at hyperparameters `hyper`.
+
+    `bound` parameters that lie on a bound; `promise` ln evidence that a further step would gain by the linearised
+    model; `evaluations` simulations of the campaign that it took; `history` predicted gain at each accepted point.
+    """
+
+    model: Model
+    predictions: tuple[Prediction, ...]
+    system: System
+    solution: Solution
+    priors: Priors
+    hyper: Hyperparameters
+    status: Status
+    bound: frozenset[ParameterId] = frozenset()
+    promise: float = np.inf
+    evaluations: int = 0
+    history: tuple[float, ...] = ()
+
+    @property
+    def blocks(self) -> list[Block]:
+        return self.system.blocks
+
+    @property
+    def converged(self) -> bool:
+        return self.status is Status.CONVERGED
+
+    @property
+    def usable(self) -> bool:
+        """Whether it may be compared with others: it is at its best point as far as numerics can tell."""
+        return self.status in (Status.CONVERGED, Status.STALLED)
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Normal equations of all that is fitted, with the noise that the fit found."""
+        return self.system.total(variances=self.hyper.variances)
+
+    @cached_property
+    def excess(self) -> dict[str, float]:
+        """chi2 per datum of every recording and trace, less one, in standard errors of the stated noise alone."""
+        left = zip(self.blocks, self.system.left(self.solution), strict=True)
+        return {b.label: (chi2 / b.count - 1.0) * np.sqrt(0.5 * b.count) for b, chi2 in left}
+
+    @cached_property
+    def chi2(self) -> float:
+        """Sum of squares of what is left of all data that are fitted, in stated standard deviations."""
+        left = zip(self.blocks, self.system.left(self.solution), strict=True)
+        return float(sum(chi2 for b, chi2 in left if not b.held_out))
+
+    @property
+    def ln_evidence(self) -> float:
+        return self.solution.ln_evidence
+
+    @property
+    def nuisances(self) -> Priors:
+        """Priors of all that may move, but for what lies on a bound."""
+        return {p: v for p, v in self.priors.items() if p not in self.bound}
+
+    @property
+    def effects(self) -> Priors:
+        """Those of the parameters of effects."""
+        return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
+
+    @property
+    def fitted(self) -> list[ParameterId]:
+        """Parameters of effects that were estimated."""
+        return [p for p in self.solution.names if p.effect in self.model.effects]
+
+    def solved(
+        self, problem: Problem, more: Priors, equations: NormalEquations | None = None, noise: bool = False
+    ) -> Estimated:
+        """The same data and point with other priors than those of the nuisances; with `noise` its variances too are
+        found anew, else they stay as the fit has them."""
+        variances = None if noise else self.hyper.variances
+        return estimate(problem, self.system, self.model, more, variances=variances, equations=equations)
+
+    def at_largest(self, problem: Problem, more: Priors) -> float:
+        """ln evidence with these priors where the model's own error may be as large as it ever is."""
+        found = estimate(
+            problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST,)
+        )
+        return found.solution.ln_evidence

@@ -1,0 +1,167 @@
+"""Do the data contradict a stated number?  One input is freed at a time, on top of a linearised fit.
+
+The measure is the normalised deviation ("pull") of what the data alone want from what is stated, in units of both
+uncertainties together: Demortier & Lyons, Everything you always wanted to know about pulls, CDF/ANAL/PUBLIC/5776
+(2002).  It is normal with unit variance where the stated value and its standard deviation are right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
+from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
+
+PULL_CONTRADICTED = 3.0  # standard deviations of prior and data together
+SD_RATIO_UNCHECKABLE = 0.8  # posterior over prior standard deviation, above which the data say nothing
+CORRELATION_TOLD_TOGETHER = 0.9  # of columns that nuisances cannot absorb
+LN_FACTOR_MAX = 100.0  # of an estimate: where the data say nothing it may be any number
+FIXED_SHARE = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
+
+
+class InputVerdict(StrEnum):
+    """What the data say of a stated number."""
+
+    CONTRADICTED = "contradicted"
+    CONSISTENT = "consistent"
+    NOT_CHECKABLE = "not checkable"
+
+
+@dataclass(frozen=True)
+class InputCheck:
+    """A stated `input` against the data: `estimate` and `sd` (unit of the input, K for degC) are from the data alone.
+
+    `shift` is estimate less stated value in prior standard deviations, `pull` the same in standard deviations of both,
+    `ln_bayes` of freeing the input with its prior against holding it.  `sd_ratio` posterior over prior standard
+    deviation; `influence` what one prior standard deviation changes in all data together, in sigma of their noise, if
+    nothing else moves; `entangled` nuisances of the fit with which the estimate goes up and down.
+    """
+
+    input: StatedInput
+    estimate: float
+    sd: float
+    shift: float
+    pull: float
+    ln_bayes: float
+    sd_ratio: float
+    influence: float
+    verdict: InputVerdict
+    entangled: tuple[ParameterId, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """One line for people."""
+        i = self.input
+        unit = "" if i.unit == "1" else f" {i.unit}"
+        known = f"{100 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g} {'K' if i.unit == 'degC' else ''}".strip()
+        stated = f"{i.key}: stated {i.value:.4g}{unit}, known to {known} ({i.source})"
+        if self.verdict is InputVerdict.NOT_CHECKABLE:
+            why = "they hardly depend on it" if self.influence < 1.0 else "other unknowns act alike"
+            return f"{stated}; these data cannot check it: {why}"
+        found = (
+            f"the data want {self.estimate:.4g} +- {self.sd:.2g}{unit}, {abs(self.pull):.1f} standard deviations away"
+        )
+        return f"{stated}; {found}"
+
+
+def check_inputs(
+    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
+) -> tuple[InputCheck, ...]:
+    """Every input freed alone, with its prior, on top of the nuisances of a linearised fit.
+
+    A column of the nuisances that is the same number (the length of the block) is taken out of them: against it stands
+    the fit with the input held at what is stated.
+    """
+    total = equations or system.total()
+    plain = system.solve(nuisance_priors, total).ln_evidence
+    return tuple(_check(system, nuisance_priors, total, i, plain) for i in inputs)
+
+
+def _check(system: System, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float) -> InputCheck:
+    column = column_of(system, i)
+    if column is None:
+        return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 1.0, 0.0, InputVerdict.NOT_CHECKABLE)
+    twin = _twin(nuisances, i)
+    mean = nuisances[twin][0] if twin else 0.0
+    others = {p: prior for p, prior in nuisances.items() if p != twin}
+    prior: Prior = (mean, i.sd)
+    held = plain if twin is None else system.solve(others | {column: (mean, FIXED_SHARE * i.sd)}, total).ln_evidence
+    found = system.solve(others | {column: prior}, total)
+    change, sd = _data_alone(found[column], found.sd(column), prior)
+    ratio = min(found.sd(column) / i.sd, 1.0)
+    change -= mean
+    pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
+    value = i.value * math.exp(min(change, LN_FACTOR_MAX)) if i.relative else i.value + change
+    scale = abs(value) if i.relative else 1.0
+    k = system.index[column]
+    influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
+    return InputCheck(
+        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, ratio, influence, _verdict(ratio, pull),
+        _entangled(found, column),
+    )  # fmt: skip
+
+
+def _data_alone(posterior: float, sd: float, prior: Prior) -> tuple[float, float]:
+    """Estimate and standard deviation from the data without the prior of the input: normal densities divided."""
+    mean, wide = prior
+    precision = 1.0 / sd**2 - 1.0 / wide**2
+    if precision <= 1e-9 / wide**2:
+        return mean, math.inf
+    return (posterior / sd**2 - mean / wide**2) / precision, precision**-0.5
+
+
+def _verdict(ratio: float, pull: float) -> InputVerdict:
+    if ratio > SD_RATIO_UNCHECKABLE:
+        return InputVerdict.NOT_CHECKABLE
+    return InputVerdict.CONTRADICTED if abs(pull) > PULL_CONTRADICTED else InputVerdict.CONSISTENT
+
+
+def _entangled(found: Solution, column: ParameterId) -> tuple[ParameterId, ...]:
+    """Nuisances whose posterior is nearly that of the input, the nearest first."""
+    k, sd = found.names.index(column), np.sqrt(np.diag(found.covariance))
+    rho = np.abs(found.covariance[k] / (sd * sd[k]))
+    order = [n for n in np.argsort(-rho).tolist() if n != k and rho[n] > CORRELATION_TOLD_TOGETHER]
+    return tuple(found.names[n] for n in order)
+
+
+def column_of(system: System, i: StatedInput) -> ParameterId | None:
+    """The column of an input in a system: its own, or that of a size of the block; None where there is none."""
+    ways = (i.parameter, ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key))
+    return next((p for p in ways if p in system.index), None)
+
+
+def _twin(nuisances: Priors, i: StatedInput) -> ParameterId | None:
+    """The nuisance that is the same number as an input."""
+    return next((p for p in (ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key)) if p in nuisances), None)
+
+
+def groups_of_inputs(
+    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
+) -> tuple[tuple[StatedInput, ...], ...]:
+    """Inputs that the data can check but cannot tell from each other, in groups of two or more.
+
+    Their columns are nearly parallel once the nuisances have taken what they can.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    columns = {i.key: column_of(system, i) for i in inputs}
+    twins = {_twin(nuisance_priors, i) for i in inputs}
+    known = [i for i in inputs if columns[i.key] is not None]
+    if not known:
+        return ()
+    nuisances = {p: prior for p, prior in nuisance_priors.items() if p not in twins}
+    wanted = [p for i in known if (p := columns[i.key]) is not None]
+    information = system.projected(nuisances, wanted, equations).information
+    strength = np.diag(information) * np.array([i.sd for i in known]) ** 2
+    able = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < SD_RATIO_UNCHECKABLE**2)
+    size = np.sqrt(np.diag(information)[able])
+    alike = np.abs(information[np.ix_(able, able)]) / np.outer(size, size) > CORRELATION_TOLD_TOGETHER
+    _, label = connected_components(alike, directed=False)
+    groups = [tuple(known[k] for k in able[label == n].tolist()) for n in range(label.max(initial=-1) + 1)]
+    return tuple(g for g in groups if len(g) > 1)

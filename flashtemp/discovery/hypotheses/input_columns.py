@@ -1,0 +1,47 @@
+"""Columns of stated inputs, predicted on a coarser mesh than the data are compared with, which halves their cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.prediction import Derivatives, Observable, Prediction, Single
+from flashtemp.discovery.problem import Problem
+
+COARSE_CELLS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
+
+
+def add_input_columns(
+    problem: Problem, model: Model, predictions: Sequence[Prediction], inputs: Sequence[StatedInput]
+) -> list[Prediction]:
+    """Predictions of all conditions at a point with columns of `inputs` besides their own.
+
+    Raises BadInput, SolverFailure.
+    """
+    asked = Derivatives(inputs=tuple(i.parameter for i in inputs))
+    coarse = problem.predictions(problem.tasks(model, asked, COARSE_CELLS))
+    return [_merge(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
+
+
+def _merge(fine: Prediction, coarse: Prediction) -> Prediction:
+    """A prediction with the columns of another that it lacks."""
+    shown = {file: _with_columns(seen, coarse.observables[file]) for file, seen in fine.observables.items()}
+    return replace(fine, observables=shown)
+
+
+def _with_columns(fine: Observable, coarse: Observable) -> Observable:
+    columns = {p: _on_pixels(fine, coarse, c) for p, c in coarse.columns.items() if p not in fine.columns}
+    return replace(fine, columns=fine.columns | columns)
+
+
+def _on_pixels(fine: Observable, coarse: Observable, column: Single) -> Single:
+    """A column of the pixels inside one observable, for those inside another; 0 where only the other has one."""
+    if fine.values.ndim == 1 or np.array_equal(fine.inside, coarse.inside):
+        return column
+    images = np.zeros(coarse.values.shape, np.float32)
+    images[:, coarse.inside] = column
+    return images[:, fine.inside]

@@ -1,0 +1,196 @@
+"""How well the stated numbers of a test are usually known, by kind, and which numbers are no measured inputs.
+
+The standard deviations are type B evaluations (JCGM 100:2008, section 4.3): from data sheets, handbooks and usual
+practice where nobody repeated the measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flashtemp.errors import BadInput
+from flashtemp.model import layers
+from flashtemp.model.case import Case
+from flashtemp.model.priors import USUAL
+from flashtemp.model.schema import APART, COMPUTATION, TABLES
+from flashtemp.physics.effect import Param
+
+
+@dataclass(frozen=True)
+class InputKind:
+    """A kind of stated number: its usual standard deviation `sd`, relative or in its own unit, and the `reason`."""
+
+    name: str
+    sd: float
+    relative: bool
+    reason: str
+
+
+LAW = "law parameter"
+INPUT_KINDS: dict[str, InputKind] = {
+    k.name: k
+    for k in (
+        InputKind("geometry", 0.01, True, "ruler or calliper on soft rubber: 0.2 mm of 20 mm"),
+        InputKind("load", 0.02, True, "dead weight or load cell, divided by the measured face"),
+        InputKind("speed", 0.01, True, "control of the drive, and the radius of the track"),
+        InputKind("duration", 0.01, True, "clock of the controller, with the time to start, stop and lift"),
+        InputKind("density", 0.02, True, "weighed sample of measured size"),
+        InputKind("heat capacity", 0.05, True, "handbook value; calorimetry of one kind of compound scatters by it"),
+        InputKind("conductivity", 0.1, True, "handbook value; mixes of one kind differ by it (asphalt: Carlson 2010)"),
+        InputKind("conductance", 0.3, True, "correlations for films of air and for contacts scatter by it"),
+        InputKind("friction", 0.1, True, "another pair, another day; a load cell knows it better"),
+        InputKind("contact fraction", 0.1, True, "prints and microscopy of contact regions"),
+        InputKind("spot diameter", 0.2, True, "sizes of stones scatter"),
+        InputKind("stiffness", 0.1, True, "modulus of a compound from batch to batch"),
+        InputKind("temperature", 0.5, False, "thermometer, and drift of a laboratory within an hour"),
+        InputKind("emissivity", 0.05, False, "tables for a material, without knowing its finish"),
+        InputKind("reflected temperature", 2.0, False, "surroundings that nobody measured, such as walls and lamps"),
+        InputKind(LAW, 0.2, True, "fitted constant of a law, as for a free key"),
+    )
+}
+KIND_OF_KEY = {
+    "contact.pressure": "load",
+    "contact.alpha": "conductance",
+    "contact.gap_coefficient": "conductance",
+    "contact.spot_fraction": "contact fraction",
+    "contact.spot_diameter": "spot diameter",
+    "friction.mu": "friction",
+    "schedule.speed": "speed",
+    "schedule.distance": "geometry",
+    "schedule.wait": "duration",
+    "ambient.convection": "conductance",
+    "ambient.road_sides": "conductance",
+    "block.stiffness": "stiffness",
+}
+KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layers and effects
+    "conductivity": "conductivity",
+    "density": "density",
+    "heat_capacity": "heat capacity",
+    "thickness": "geometry",
+    "contact_resistance": "conductance",
+    "speed": "speed",
+    "emissivity": "emissivity",
+    "absorptivity": "emissivity",
+    "reflected_temperature": "reflected temperature",
+}
+KIND_OF_UNIT = {"degC": "temperature", "W/m2K": "conductance"}  # of what is left
+CHOICE = "choice of the model, which nobody measures"
+EXTENT = "extent of the road that is simulated, no property of the test"
+DEFINITION = "reference point of a law, a definition"
+EXEMPT_KEYS = {
+    "road.depth": EXTENT,
+    "road.upstream": EXTENT,
+    "road.downstream": EXTENT,
+    "contact.heat_split": CHOICE,
+    "contact.flash_factor": CHOICE,
+    "contact.lane_widening": CHOICE,
+    "contact.reference_pressure": DEFINITION,
+    "schedule.alone": "ends the run; every frame carries its own time",
+}
+EXEMPT_NAMES = {"reference": DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
+OF_SLIDING = ("road", "contact", "friction", "schedule")  # tables that mean nothing where the block is by itself
+COURSES = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
+
+
+def input_kind(key: str, unit: str) -> InputKind:
+    """The kind of a key of a case, or of `VIEW.emissivity` and `VIEW.reflected_temperature`.
+
+    Parameters of effects have the standard deviation that `flashtemp sensitivity` uses, where it has one.
+
+    >>> input_kind("materials.steel.density", "kg/m3").sd, input_kind("ambient.temperature", "degC").relative
+    (0.02, False)
+    """
+    table, name = key.rsplit(".", 1)
+    found = KIND_OF_KEY.get(key) or KIND_OF_NAME.get(name)
+    if found is None and table in ("block", "road") and unit == "m":
+        found = "geometry"
+    if found is None and table not in TABLES and key in USUAL:
+        return InputKind(LAW, *USUAL[key])
+    return INPUT_KINDS[found or KIND_OF_UNIT.get(unit, LAW)]
+
+
+def exemption(case: Case, key: str) -> str:
+    """Why a key of a case is no measured input; empty where it is one.
+
+    `case` has its ready materials written out (`model.priors.with_materials`).
+    """
+    table, name = key.rsplit(".", 1)
+    value, param = case.values[table][name], case.declared(table)[name]
+    if table in COMPUTATION or table in APART:
+        return "belongs to the computation, or to another command"
+    if "whole" in param.kinds:
+        return "a count"
+    if key in EXEMPT_KEYS or name in EXEMPT_NAMES:
+        return EXEMPT_KEYS.get(key) or EXEMPT_NAMES[name]
+    if case.values["schedule"]["alone"] and (table in OF_SLIDING or table == _road_material(case)):
+        return "nothing slides: the block is by itself"
+    if table == "block" and name in layers.FOLLOW and layers.names(case.values):
+        return "follows from the layers"
+    return _no_number(key, value, param)
+
+
+def _road_material(case: Case) -> str:
+    """The table of the road's material, empty where the block has the same."""
+    names = {d["material"] for t, d in case.values.items() if t == "block" or t.startswith("layers.")}
+    road = case.values["road"]["material"]
+    return "" if road in names else f"materials.{road}"
+
+
+def _no_number(key: str, value: Any, param: Param) -> str:
+    """Why the value of a key has no standard deviation; empty where it has one."""
+    if value is None:
+        return "not given; follows from the other numbers"
+    if isinstance(value, bool) or "number" not in param.kinds:
+        return "no number"
+    if not isinstance(value, (int, float)):
+        return "" if key in COURSES else "a table, not one number"
+    if not math.isfinite(value):
+        return "infinite: an ideal limit"
+    return "zero: switched off" if value == 0 and param.unit != "degC" else ""
+
+
+def physical_keys(case: Case) -> dict[str, str]:
+    """Every key of a case that is a measured input, with its unit."""
+    out = {}
+    for table, own in case.values.items():
+        declared: Mapping[str, Param] = case.declared(table)
+        for name in own:
+            if name in declared and not exemption(case, f"{table}.{name}"):
+                out[f"{table}.{name}"] = declared[name].unit
+    return out
+
+
+def course_values(case: Case, key: str) -> tuple[float, ...]:
+    """The number that a key has, or all values of its course over time; none where it is no input of the case."""
+    table, name = key.rsplit(".", 1)
+    if name not in case.values.get(table, {}) or exemption(case, key) not in ("", CHOICE):
+        return ()
+    value = case.values[table][name]
+    return (float(value),) if isinstance(value, (int, float)) else _course(value, key, case.folder)[1]
+
+
+def scaled_value(case: Case, key: str, factor: float) -> Any:
+    """The number that a key has times a factor, or the rows of its course over time with values times it.
+
+    Raises BadInput for a value that is neither.
+    """
+    table, name = key.rsplit(".", 1)
+    value = case.values[table][name]
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return value * factor
+    if key not in COURSES:
+        raise BadInput(f"{key}: {value!r} is no number")
+    times, values = _course(value, key, case.folder)
+    return [[t, v * factor] for t, v in zip(times, values, strict=True)]
+
+
+def _course(value: Any, key: str, folder: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Times and values of a file or list of rows.  Raises BadInput."""
+    from flashtemp.physics.interpolation import pairs
+    from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
+
+    return pairs(value, folder, key, columns=(TIME, SPEED if key == "schedule.speed" else PRESSURE))

@@ -1,0 +1,148 @@
+"""Every stated number of case and setup that the data may question, with how well it is known.
+
+A standard deviation is stated by the campaign (`known`) or by the case (`{ value, sd }`); else its kind has one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from flashtemp.camera.instrument import TYPICAL
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.known_inputs import VIEW_KEYS, StatedUncertainty
+from flashtemp.discovery.hypotheses.input_kinds import (
+    CHOICE,
+    course_values,
+    exemption,
+    input_kind,
+    physical_keys,
+)
+from flashtemp.discovery.parameters import ParameterId, Prior, Priors
+from flashtemp.discovery.problem import Problem
+from flashtemp.errors import BadInput
+from flashtemp.model.case import Case
+from flashtemp.model.priors import with_materials
+
+STATED, BY_KIND = "stated", "by kind"
+VIEW_WORDS = {"sidewall": "the side walls", "wake": "the wakes", "profile": "the profiles"}
+NAME_WORDS = {"emissivity": "emissivity", "reflected_temperature": "reflected temperature"}
+OPAQUE = ("sidewall", "wake")  # views whose emissivity is assumed where a recording does not state it
+
+
+@dataclass(frozen=True)
+class StatedInput:
+    """A stated number: its `key`, plain `words`, `value` in `unit` and the standard deviation `sd` of what is known.
+
+    `sd` is of ln value (a share) where the input is `relative`, else in its unit, degC as K.  `source`: "stated" or
+    "by kind", with the `reason`.  `values` are all that the conditions state; the input moves them alike: by a common
+    factor, or by a common difference.
+    """
+
+    key: str
+    words: str
+    value: float
+    unit: str
+    sd: float
+    relative: bool
+    source: str
+    reason: str
+    values: tuple[float, ...] = ()
+
+    @property
+    def parameter(self) -> ParameterId:
+        """Its column in predictions: per ln of the value, or per unit."""
+        return ParameterId.of_input(self.key)
+
+    @property
+    def prior(self) -> Prior:
+        """Mean and standard deviation of the change from what is stated."""
+        return 0.0, self.sd
+
+
+def input_priors(inputs: tuple[StatedInput, ...]) -> Priors:
+    """Priors of the changes of inputs, by their columns."""
+    return {i.parameter: i.prior for i in inputs}
+
+
+def stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
+    """Every stated number of case and setup that is physical and not free.  Raises BadInput.
+
+    BadInput names a key of `known` that is no measured input of this campaign.
+    """
+    campaign = problem.campaign
+    cases = [with_materials(problem.case.with_values(c.given)) for c in problem.conditions]
+    found = [*_of_case(problem, cases), *_of_cameras(problem, cases)]
+    for key in campaign.known.keys() - {i.key for i in found}:
+        raise BadInput(f"campaign: known: {key}: {_refusal(problem, cases, key)}; leave it out")
+    return tuple(found)
+
+
+def _of_case(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
+    units: dict[str, str] = {}
+    for case in cases:
+        units |= physical_keys(case)
+        units |= {k: case.declared(t)[n].unit for t, n, k in _choices(case, problem.campaign.known)}
+    for key, unit in units.items():
+        if key not in problem.campaign.free:
+            values = [v for case in cases if (v := course_values(case, key))]
+            about = cases[0].declared(key.rpartition(".")[0])[key.rpartition(".")[2]].about
+            yield _input(problem, key, _words(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values)))
+
+
+def _choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
+    """Table, name and key of choices of the model that a campaign calls uncertain all the same."""
+    for key in known:
+        table, _, name = key.rpartition(".")
+        if name in case.values.get(table, {}) and exemption(case, key) == CHOICE:
+            yield table, name, key
+
+
+def _of_cameras(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
+    ambient = float(cases[0]["ambient.temperature"])
+    recordings = [v.recording for v in problem.campaign.views]
+    for view, words in VIEW_WORDS.items():
+        own = [r for r in recordings if r.view == view and (view in OPAQUE or r.emissivity is not None)]
+        for name, unit in VIEW_KEYS.items() if own else ():
+            values = tuple(dict.fromkeys(_of_recording(r, name, ambient) for r in own))
+            yield _input(problem, f"{view}.{name}", f"{NAME_WORDS[name]} of {words}", unit, values)
+
+
+def _of_recording(recording: Recording, name: str, ambient: float) -> float:
+    """What a recording states, or what the camera model takes where it does not."""
+    if name == "emissivity":
+        return TYPICAL if recording.emissivity is None else recording.emissivity
+    return ambient if recording.reflected_degC is None else recording.reflected_degC
+
+
+def _input(problem: Problem, key: str, words: str, unit: str, values: tuple[float, ...]) -> StatedInput:
+    kind, value = input_kind(key, unit), values[0]
+    own = problem.campaign.known.get(key)
+    sd, source, reason = kind.sd, BY_KIND, kind.reason
+    if own is not None:
+        sd, source, reason = own.sd_of(value), STATED, "the campaign"
+    elif key in problem.case.priors:
+        sd, source, reason = problem.case.priors[key], STATED, "the case"
+    if source == STATED and kind.relative:
+        sd /= abs(value)
+    return StatedInput(key, words, value, unit, sd, kind.relative, source, reason, values)
+
+
+def _words(key: str, about: str) -> str:
+    """A key in plain words, with the material or layer that it is of.
+
+    >>> _words("materials.asphalt.density", "density"), _words("friction.mu", "friction coefficient; or a table")
+    ('density of asphalt', 'friction coefficient')
+    """
+    kind, *names, _ = key.split(".")
+    return about.split(";")[0].split(", mean")[0] + (f" of {names[0]}" if names else "")
+
+
+def _refusal(problem: Problem, cases: list[Case], key: str) -> str:
+    """Why a key is no input of a campaign."""
+    table, _, name = key.rpartition(".")
+    reasons = [exemption(case, key) for case in cases if name in case.values.get(table, {})]
+    if reasons:
+        return reasons[0]
+    shown = ", ".join(sorted({v.recording.view for v in problem.campaign.views})) or "none"
+    return f"no recording shows it; views are {shown}"

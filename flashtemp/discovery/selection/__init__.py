@@ -1,0 +1,1 @@
+"""Which hypothesis: scores by sensitivities, full fits of the best, forward selection."""

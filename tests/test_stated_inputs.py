@@ -1,0 +1,308 @@
+"""Stated numbers that the data may question: which there are, how well known, their columns and the verdicts on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery.hypotheses.input_checks import InputVerdict, check_inputs, groups_of_inputs
+from flashtemp.discovery.hypotheses.input_columns import add_input_columns
+from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW, exemption, input_kind
+from flashtemp.discovery.hypotheses.stated_inputs import input_priors, stated_inputs
+from flashtemp.discovery.hypothesis import OTHERWISE, PRIORS
+from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.nuisances import GROUPS, nuisances
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import Derivatives, predict
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import BadInput
+from flashtemp.model import priors
+from flashtemp.model.case import load
+from flashtemp.model.schema import APART, COMPUTATION
+from flashtemp.runs.workers import crew
+
+ROOT = Path(__file__).parents[1]
+SMALL = {
+    "block.height": 0.005, "schedule.distance": 0.3, "numerics.mesh": 0.7, "numerics.rtol": 1e-4, "output.profiles": 20,
+}  # fmt: skip
+COMPARED = (
+    "contact.pressure", "schedule.speed", "materials.tread_rubber.density", "ambient.temperature", "block.length",
+)  # fmt: skip
+COLUMN_ERROR = 0.05  # of a column: what is three standard deviations off is then told within 0.15
+LEAST_COLUMN_K = 0.1  # per ln: what changes by less than 1 mK for 1 % shows in no camera
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A small campaign of one condition in which nothing is hidden and nothing drawn, and how to prepare it."""
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "case.toml").write_text("")
+    plan = Plan((), 3, conditions=1, views=("sidewall", "wake"), sliding=8, nuisance=0.0)
+    read = campaign.load(twin(load(folder / "case.toml", SMALL), plan, folder / "lab"))
+    with crew(predict, 1) as run:
+        yield SimpleNamespace(campaign=read, prepare=lambda **changed: prepare(replace(read, **changed), run))
+
+
+def checked(made, factor, keys):
+    """Checks and groups of some inputs where the load is told wrong by a factor, with and without the load cell."""
+
+    def wrong(entry):
+        return replace(entry, given=entry.given | {"contact.pressure": factor * entry.given["contact.pressure"]})
+
+    views, forces = (tuple(map(wrong, own)) for own in (made.campaign.views, made.campaign.forces))
+    problem = made.prepare(views=views, forces=forces, free=("ambient.convection",))
+    inputs = tuple(i for i in stated_inputs(problem) if i.key in keys)
+    asked = Derivatives(problem.free, scatter=True, modes=2, optics=True, laboratory=True)
+    first = problem.predictions(problem.tasks(problem.start, asked))
+    first = add_input_columns(problem, problem.start, first, inputs)
+    system = System(Data.begin(problem, first).blocks(first))
+    known = nuisances(problem, system.names, problem.start)
+    out = {}
+    for cell, total in ((True, None), (False, system.total(lambda block: not block.label.endswith(".csv")))):
+        checks = {c.input.key: c for c in check_inputs(system, known, total, inputs)}
+        groups = [{i.key for i in g} for g in groups_of_inputs(system, known, total, inputs)]
+        out[cell] = SimpleNamespace(checks=checks, groups=groups)
+    return out
+
+
+# --- which there are, and how well they are known ---------------------------------------------------------
+def problem_of(case, tmp_path, view="profile", emissivity=None):
+    """A problem of a case with one recording, whose values do not matter."""
+    (tmp_path / "case.toml").write_text(case.toml(case.copy_files(tmp_path)))
+    u = np.linspace(0.002, 0.02, 5)
+    known = {"emissivity": emissivity, "reflected_degC": 20.0}
+    if view == "wake":
+        u = u + case["block.length"]
+    v = np.zeros(1) if view == "profile" else np.linspace(-0.002, 0.002, 3)
+    T = np.full((1, len(v), 5), 25.0)
+    Recording(view, T, np.array([0.5]), np.array([1]), u, v, **known).save(tmp_path / "a.nc")
+    (tmp_path / "campaign.toml").write_text('free = ["friction.mu"]\ncandidates = []\n[[recording]]\nfile = "a.nc"\n')
+    return prepare(campaign.load(tmp_path), list)
+
+
+EXEMPT = {  # physical keys of the two cases that are no measured inputs, with the word that says why
+    "road.depth": "extent", "road.upstream": "extent", "road.downstream": "extent",
+    "contact.heat_split": "choice", "contact.flash_factor": "choice", "contact.lane_widening": "choice",
+    "contact.reference_pressure": "reference", "pressure_profile.weight": "switch",
+    "schedule.repetitions": "count", "schedule.turn": "count",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["uniform_pressure", "slide3d"])
+def test_every_physical_number_of_a_case_is_an_input_or_exempt_with_a_reason(name, tmp_path):
+    problem = problem_of(load(ROOT / "cases" / name), tmp_path)
+    listed = {i.key: i for i in stated_inputs(problem)}
+    full = priors.with_materials(problem.case)
+    for table, own in full.values.items():
+        for key, value in own.items():
+            dotted, number = f"{table}.{key}", isinstance(value, (int, float)) and not isinstance(value, bool)
+            if table in (*COMPUTATION, *APART) or dotted in problem.campaign.free:
+                assert dotted not in listed
+            elif dotted in EXEMPT:
+                assert EXEMPT[dotted] in exemption(full, dotted)
+                assert dotted not in listed
+            elif number and np.isfinite(value) and (value or dotted == "ambient.temperature"):
+                assert (listed[dotted].value, listed[dotted].sd > 0) == (value, True)
+            else:
+                assert dotted not in listed
+
+
+def test_cameras_state_emissivity_and_reflected_temperature(tmp_path):
+    listed = {
+        i.key: i for i in stated_inputs(problem_of(load(ROOT / "cases" / "uniform_pressure"), tmp_path, "wake", 0.9))
+    }
+    assert (listed["wake.emissivity"].value, listed["wake.emissivity"].sd) == (0.9, 0.05)
+    assert (listed["wake.reflected_temperature"].value, listed["wake.reflected_temperature"].sd) == (20.0, 2.0)
+    assert not any(key.startswith("sidewall") for key in listed)
+
+
+def test_kinds_agree_with_what_calibration_and_sensitivity_use():
+    for key, sd in PRIORS.items():
+        assert input_kind(key, "1").sd == sd, key
+    assert INPUT_KINDS[LAW].sd == OTHERWISE
+    assert INPUT_KINDS["geometry"].sd == GROUPS[Kind.SIZE]
+    for name, (sd, relative, _) in (priors.OF_MATERIALS | priors.OF_LAYERS).items():
+        found = input_kind(f"materials.any.{name}", "")
+        assert (found.sd, found.relative) == (sd, relative), name
+    for key in ("contact.pressure", "schedule.speed", "contact.spot_diameter", "wear.rate"):
+        assert (input_kind(key, "").sd, input_kind(key, "").relative) == priors.USUAL[key][:2], key
+    assert all(k.reason and k.sd > 0 for k in INPUT_KINDS.values())
+
+
+def test_the_docs_list_every_kind_with_its_standard_deviation():
+    page = (ROOT / "docs" / "camera.md").read_text()
+    for kind in INPUT_KINDS.values():
+        unit = " %" if kind.relative else "" if kind.name == "emissivity" else " K"
+        assert f"| {kind.name} | {(100 if kind.relative else 1) * kind.sd:g}{unit} | {kind.reason} |" in page
+
+
+# --- what a campaign states of them ------------------------------------------------------------------------
+def read_with(made, tmp_path, known):
+    """The small campaign with a table `known`."""
+    lines = (made.campaign.folder / "campaign.toml").read_text()
+    for file in made.campaign.folder.iterdir():
+        if file.suffix in (".nc", ".csv") or file.name == "case.toml":
+            (tmp_path / file.name).symlink_to(file)
+    (tmp_path / "campaign.toml").write_text(f"known = {known}\n" + lines)
+    return campaign.load(tmp_path)
+
+
+def test_a_campaign_states_how_well_its_inputs_are_known(made, tmp_path):
+    told = """{ "contact.pressure" = 0.005, "ambient.temperature" = "0.2 K", block.length = "0.1 mm", \
+"schedule.speed" = "3 %", "sidewall.emissivity" = "0.01 ", "materials.asphalt.density" = "23 kg/m3" }"""
+    read = read_with(made, tmp_path, told.replace('"0.01 "', "0.02"))
+    listed = {i.key: i for i in stated_inputs(made.prepare(known=read.known))}
+    expected = {
+        "contact.pressure": 0.005, "ambient.temperature": 0.2, "block.length": 0.004, "schedule.speed": 0.03,
+        "sidewall.emissivity": 0.02 * 0.95, "materials.asphalt.density": 0.01,
+    }  # fmt: skip
+    assert {k: listed[k].sd for k in expected} == pytest.approx(expected)
+    assert {i.source for k, i in listed.items() if k in expected} == {"stated"}
+    assert listed["block.width"].source == "by kind"
+    assert input_priors((listed["block.length"],)) == {ParameterId.of_input("block.length"): (0.0, 0.004)}
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ('{ "contact.presure" = 0.02 }', "did you mean 'contact.pressure'"),
+        ('{ "materials.asfalt.density" = 0.02 }', "did you mean 'materials.asphalt.density'"),
+        ('{ "sidewal.emissivity" = 0.02 }', "did you mean 'sidewall.emissivity'"),
+        ('{ "numerics.mesh" = 0.02 }', "is no number of this case"),
+        ('{ "contact.spot_fraction" = 0.02 }', "is free; say there how well it is known"),
+        ('{ "ambient.temperature" = 0.02 }', 'give it with its unit, "0.5 K"'),
+        ('{ "contact.pressure" = "0.3 K" }', "no quantity in Pa"),
+        ('{ "contact.pressure" = "well" }', "give a relative standard deviation"),
+        ('{ "contact.pressure" = true }', "give a relative standard deviation"),
+        ('{ "contact.pressure" = 0 }', "above 0"),
+        ('{ "contact.pressure" = -0.02 }', "above 0"),
+        ('{ "contact.pressure" = "-2 kPa" }', "above 0"),
+        ('{ "contact.pressure" = nan }', "above 0"),
+        ('{ "contact.pressure" = 5 }', "at most 3 of the value"),
+        ('["contact.pressure"]', "write known = {"),
+    ],
+)
+def test_a_wrong_statement_is_refused_in_one_line(made, tmp_path, told, said):
+    with pytest.raises(BadInput) as fault:
+        read_with(made, tmp_path, told)
+    [line] = fault.value.lines
+    assert "campaign.toml:1: known: " in line
+    assert said in line
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("road.upstream", "extent"),
+        ("ambient.road_sides", "zero"),
+        ("contact.alpha", "infinite"),
+        ("profile.emissivity", "no recording"),
+    ],
+)
+def test_a_statement_about_what_is_no_input_is_refused(made, tmp_path, key, said):
+    read = read_with(made, tmp_path, f'{{ "{key}" = 0.02 }}')
+    with pytest.raises(BadInput, match=f"known: {key}: .*{said}"):
+        stated_inputs(made.prepare(known=read.known))
+
+
+# --- columns --------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def columns(made):
+    """The prediction at the stated point with all columns that are compared, and its task with a tight tolerance."""
+    problem = made.prepare()
+    asked = Derivatives(inputs=tuple(ParameterId.of_input(key) for key in COMPARED))
+    [task] = problem.tasks(problem.start, asked)
+    task = replace(task, pins=task.pins | {"numerics.mesh": 0.4})
+    fine = replace(task, pins=task.pins | {"numerics.rtol": 1e-6}, derivatives=Derivatives())
+    return SimpleNamespace(seen=predict(task), fine=fine, still=predict(fine))
+
+
+@pytest.mark.parametrize("key", COMPARED)
+def test_columns_agree_with_differences_of_whole_runs(columns, key):
+    """Of the case built anew with the input moved; the longer schedule of two, so that no frame comes after its end."""
+    case = priors.with_materials(columns.fine.case.with_values(columns.fine.given))
+    step = -0.004 if key == "schedule.speed" else 0.004
+    value, step = (
+        (case[key] + 10 * step, 10 * step) if key == "ambient.temperature" else (case[key] * np.exp(step), step)
+    )
+    moved = case.with_values({key: float(value)})
+    given = {k: v for k, v in columns.fine.given.items() if k != key}
+    run = predict(replace(columns.fine, case=moved, given=given))
+    for file, now in columns.still.observables.items():
+        column, other = columns.seen.observables[file].columns[ParameterId.of_input(key)], run.observables[file]
+        change = (other.values - now.values) / step
+        if now.values.ndim == 3:
+            both = now.inside & other.inside
+            change, column = change[:, both], column[:, both[now.inside]]
+        else:
+            change, column = change[now.inside], column[now.inside]
+        size = max(np.sqrt(np.mean(change**2)), LEAST_COLUMN_K)
+        assert np.sqrt(np.mean((change - column) ** 2)) < COLUMN_ERROR * size, file
+
+
+def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_only(made):
+    """The column of emissivity is the slope that the camera model knows analytically."""
+    problem = made.prepare()
+    asked = tuple(map(ParameterId.of_input, ("sidewall.emissivity", "sidewall.reflected_temperature", "block.length")))
+    [seen] = problem.predictions(problem.tasks(problem.start, Derivatives(optics=True, laboratory=True, inputs=asked)))
+    wall, wake = (seen.observables[v.file].columns for v in problem.campaign.views)
+    gain = wall[ParameterId(Kind.GAIN)]
+    assert np.abs(wall[asked[0]] - gain).max() < 0.02 * np.abs(gain).max()
+    mirrored = wall[asked[1]]  # (1 - emissivity)/emissivity at the reflected temperature, less where it is hotter
+    assert 0.03 < mirrored.min() < mirrored.max() < 1.01 * 0.05 / 0.95
+    assert asked[0] not in wake
+    assert asked[2] not in wall  # the laboratory's column of the same number serves
+
+
+# --- verdicts -------------------------------------------------------------------------------------------
+KEYS = ("contact.pressure", "friction.mu", "block.length", "block.stiffness", "ambient.temperature")
+
+
+@pytest.fixture(scope="module")
+def wrong_load(made):
+    """The load is told ten percent too high, five prior standard deviations."""
+    return checked(made, 1.1, KEYS)
+
+
+def test_a_load_that_is_told_wrong_is_contradicted_by_as_much(wrong_load):
+    """The load cell says that friction is right."""
+    checks, groups = wrong_load[True].checks, wrong_load[True].groups
+    found = checks["contact.pressure"]
+    true = found.input.value / 1.1
+    assert found.verdict is InputVerdict.CONTRADICTED
+    assert abs(found.estimate - true) < 4 * found.sd
+    assert found.shift == pytest.approx(np.log(1 / 1.1) / 0.02, abs=4 * found.sd / true / 0.02)
+    assert found.ln_bayes == max(c.ln_bayes for c in checks.values()) > 5
+    assert "data want" in found.words
+    assert all(c.verdict is not InputVerdict.CONTRADICTED for k, c in checks.items() if k != "contact.pressure")
+    assert not any("contact.pressure" in g for g in groups)
+
+
+def test_an_input_that_does_not_act_cannot_be_checked(wrong_load):
+    """Nothing presses unevenly in this case, so the block's stiffness does nothing."""
+    found = wrong_load[True].checks["block.stiffness"]
+    assert (found.verdict, found.influence) == (InputVerdict.NOT_CHECKABLE, pytest.approx(0.0, abs=0.1))
+    assert found.ln_bayes == pytest.approx(0.0, abs=1e-6)
+    assert "hardly depend" in found.words
+
+
+def test_load_and_friction_are_told_together_where_only_their_product_matters(wrong_load):
+    """Without the load cell; the more plausible of the two, friction, has the larger evidence."""
+    checks, groups = wrong_load[False].checks, wrong_load[False].groups
+    assert {"contact.pressure", "friction.mu"} in groups
+    assert checks["friction.mu"].ln_bayes > checks["contact.pressure"].ln_bayes
+    assert checks["friction.mu"].verdict is InputVerdict.CONSISTENT
+
+
+def test_right_inputs_are_not_contradicted(made):
+    found = checked(made, 1.0, KEYS)
+    for case in found.values():
+        assert {c.verdict for c in case.checks.values()} <= {InputVerdict.CONSISTENT, InputVerdict.NOT_CHECKABLE}

@@ -5,7 +5,8 @@
 
 `--only GLOB` restricts either to names that fit.  FOLDER/NAME/campaign is a campaign.  FOLDER/NAME/truth.json holds
 `kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for a mistake of the set-up,
-`setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues.
+`setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues;
+a results file holds the verdicts of one engine.  Tables have a row per kind and per source, the first word of a NAME.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from fnmatch import fnmatch
 from functools import partial
@@ -35,25 +36,20 @@ import numpy as np
 
 ENGINE = "flashtemp.discovery.discover"
 LIMIT_S = 300
+REFERENCE_COUNT_S = 0.18  # in which a core of the published CPU times counts to ten million
 WALL_PER_CPU = 10  # wall seconds per CPU second after which a process that waits for something is ended
 Z_BINS = ((0.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, math.inf))
 OUTCOMES = (
-    "right", "extra", "part", "group", "weak", "law", "input", "none", "unexplained", "no_verdict", "wrong",
-    "weak wrong", "timeout", "failed",
+    "right", "extra", "part", "group", "weak", "law", "none", "unexplained", "no_verdict", "wrong", "weak wrong",
+    "timeout", "failed",
 )  # fmt: skip
 CORRECT = ("right", "extra", "part", "group", "weak")  # outcomes whose causes include a hidden effect
 EXPECTED = {  # causes and inputs that count as right for a mistake of the set-up; several where they share an effect
-    "length": ("block_length", "block.length", "pixel_scale"),
-    "larger": ("pixel_scale", "block_length", "block.length"),
-    "turned": ("image_turn",),
-    "mirrored": ("mirrored",),
-    "exchanged": ("exchanged", "mislabelled"),
-    "clock": ("clock", "time_lag"),
-    "load": ("contact.pressure", "pressure", "load"),
-    "speed": ("schedule.speed", "speed"),
-    "density": ("materials.rubber.density", "materials.rubber.heat_capacity"),
-    "emissivity": ("emissivity",),
-}
+    "length": ("block_length", "block.length", "pixel_scale"), "turned": ("image_turn",), "mirrored": ("mirrored",),
+    "larger": ("pixel_scale", "block_length", "block.length"), "exchanged": ("exchanged", "mislabelled"),
+    "clock": ("clock", "time_lag"), "load": ("contact.pressure", "pressure", "load"), "emissivity": ("emissivity",),
+    "speed": ("schedule.speed", "speed"), "density": ("materials.rubber.density", "materials.rubber.heat_capacity"),
+}  # fmt: skip
 Record = dict[str, Any]
 
 
@@ -75,8 +71,7 @@ def judge_campaign(folder: Path, engine: str, limit: int) -> Record:
         out = describe_verdict(found[0] if isinstance(found, tuple) else found, read_truth(folder)["hidden"])
     except Exception:  # a failure is a result too
         out = {"verdict": "failed", "error": traceback.format_exc(limit=-6)}
-    spent = {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall}
-    return out | spent | {"count_s": count_s}
+    return out | {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall, "count_s": count_s}
 
 
 def read_truth(folder: Path) -> Record:
@@ -89,8 +84,7 @@ def read_truth(folder: Path) -> Record:
 def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Record:
     """What the tables need of a verdict."""
     effects = [c for c in verdict.causes if not c.laboratory]
-    causes = {c.effect: c.ln_bayes for c in effects}
-    scores = {r.effect: r.score for r in verdict.rivals} | causes
+    scores = {r.effect: r.score for r in verdict.rivals} | {c.effect: c.ln_bayes for c in effects}
     freed = [k.key for k in [verdict.held_key] if k and k.freed]
     parameters = [
         {"name": p.name, "value": p.value, "stderr": p.stderr, "ci95": list(p.ci95),
@@ -99,7 +93,7 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
     ]  # fmt: skip
     return {
         "verdict": verdict.kind,
-        "effects": list(causes),
+        "effects": [c.effect for c in effects],
         "inputs": [*(c.effect for c in verdict.causes if c.laboratory), *freed],
         "group": list(verdict.group),
         "parameters": parameters,
@@ -127,7 +121,7 @@ def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[s
 # --- all campaigns ----------------------------------------------------------------------------------------------
 def run_campaigns(folder: Path, results: Path, pattern: str, engine: str, processes: int, limit: int) -> None:
     """Append one line to `results` for every campaign that it does not hold yet."""
-    done = {r["name"] for r in read_records(results)} if results.exists() else set()
+    done = {r["name"] for r in read_records(results, engine)} if results.exists() else set()
     found = sorted(p.parent.parent for p in folder.glob("*/campaign/campaign.toml"))
     waiting = [p for p in found if p.name not in done and fnmatch(p.name, pattern)]
     with ThreadPoolExecutor(processes) as pool, results.open("a", encoding="utf-8") as out:
@@ -161,18 +155,18 @@ def run_in_child(folder: Path, engine: str, limit: int) -> Record:
     return {"name": folder.name, **read_truth(folder), "engine": engine, **found}
 
 
-def read_records(file: Path) -> list[Record]:
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+def read_records(file: Path, engine: str | None = None) -> list[Record]:
+    """Records of a file.  Exits where they, or the engine that is to add to them, are of different engines."""
+    records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    engines = {r["engine"] for r in records} | ({engine} if engine else set())
+    if len(engines) > 1:
+        raise SystemExit(f"{file}: verdicts of {' and '.join(sorted(engines))}; give each engine a file of its own")
+    return records
 
 
 def summarise_record(r: Record) -> str:
-    """One line for the terminal."""
     z = "".join(f" z={v:.0f}" for v in r.get("z", {}).values())
-    return f"{r['name']}: {describe_truth(r)}{z} -> {classify(r)}: {describe_end(r)}"
-
-
-def describe_truth(r: Record) -> str:
-    return " + ".join([*r["hidden"], *(name for name in r["setup"] if name in EXPECTED)]) or "nothing"
+    return f"{r['name']}: {' + '.join(truths(r)) or 'nothing'}{z} -> {classify(r)}: {describe_end(r)}"
 
 
 def describe_end(r: Record) -> str:
@@ -184,28 +178,39 @@ def describe_end(r: Record) -> str:
 
 # --- tables -----------------------------------------------------------------------------------------------------
 def classify(r: Record) -> str:
-    """One of OUTCOMES: how a verdict compares with what was hidden."""
-    verdict, hidden, effects = r["verdict"], set(r["hidden"]), set(r.get("effects", []))
+    """One of OUTCOMES: how a verdict compares with what was hidden.
+
+    A name is right if it is a hidden effect, or one that EXPECTED has for a mistake of the set-up.  An effect that was
+    not hidden is `extra` beside all hidden ones, and wrong otherwise; an input that was not mistaken is always wrong.
+    """
+    verdict = str(r["verdict"])
     if verdict in ("timeout", "failed", "no_verdict", "unexplained"):
         return verdict
-    inputs, group = set(r.get("inputs", [])), set(r.get("group", []))
-    if r["kind"] == "setup":
-        hidden = {name for mistake in r["setup"] for name in EXPECTED.get(mistake, ())}
-        if hidden & (inputs | effects):
-            return "right"
-    if verdict == "none_needed":
-        return "none"
+    true, is_mistaken = list(truths(r).values()), len(truths(r)) > len(r["hidden"])
+    group, inputs = set(r["group"]), set(r["inputs"])
+    effects = set() if verdict == "learned" else set(r["effects"])
+    wrong_effects, wrong_inputs = ({n for n in s if not is_true(n, true)} for s in (effects - group, inputs))
     if verdict == "weak":
-        return "weak" if effects <= hidden else "weak wrong"
-    if verdict == "group":
-        return "group" if hidden & group else "wrong"
+        return "weak wrong" if wrong_effects or wrong_inputs else "weak"
+    found = [any(is_true(n, [t]) for n in effects | inputs | group) for t in true]
+    missed = group and not any(is_true(n, true) for n in group)
+    if wrong_inputs or missed or (wrong_effects and (is_mistaken or not true or not all(found))):
+        return "wrong"
     if verdict == "learned":
         return "right" if r["kind"] == "outside" else "law"
-    if not effects:
-        return "wrong" if r["kind"] == "setup" else "input"
-    if effects == hidden:
-        return "right"
-    return "extra" if hidden and effects > hidden else "part" if effects < hidden else "wrong"
+    if not effects | inputs | group:
+        return "none"
+    return "extra" if wrong_effects else "group" if group else "right" if all(found) else "part"
+
+
+def truths(r: Record) -> dict[str, tuple[str, ...]]:
+    """Hidden effects and mistakes of the set-up, each with the names that it may go by."""
+    return {name: (name,) for name in r["hidden"]} | {name: EXPECTED[name] for name in r["setup"] if name in EXPECTED}
+
+
+def is_true(name: str, true: list[tuple[str, ...]]) -> bool:
+    """Whether a name, or its last part (`sidewall.emissivity`), is among the names that a truth goes by."""
+    return any(name in names or name.rpartition(".")[2] in names for names in true)
 
 
 def label(r: Record) -> str:
@@ -219,23 +224,38 @@ def label(r: Record) -> str:
     return f"{r['kind']}, z {low:.0f} to {high:.0f}"
 
 
+def source(r: Record) -> str:
+    """Where a campaign comes from, by the first word of its name: realistic, ideal, twin, setup, camera."""
+    return str(r["name"]).partition("_")[0]
+
+
 def tabulate(records: list[Record]) -> Iterator[str]:
-    """Lines of the tables: outcomes, coverage of the intervals, CPU seconds."""
+    """Lines of the tables: outcomes by kind and by source, coverage of the intervals, CPU seconds."""
+    records = sorted(records, key=lambda r: (r["kind"], min(r.get("z", {}).values(), default=math.inf)))
+    yield from count_outcomes("hidden", records, label)
+    records.sort(key=source)
+    yield from count_outcomes("source", records, lambda r: f"{source(r)}, {r['kind']}")
+    counted = [r["count_s"] for r in records if "count_s" in r]
+    usual = float(np.median(counted)) if counted else math.nan  # for a child that was killed before it said its own
+    for name in [*dict.fromkeys(map(source, records)), "all"]:
+        own = [r for r in records if "cpu_s" in r and name in (source(r), "all")]
+        if spent := [(r["cpu_s"], r["cpu_s"] * REFERENCE_COUNT_S / r.get("count_s", usual)) for r in own]:
+            raw, scaled = np.quantile(spent, (0.5, 0.9, 1.0), axis=0).T
+            words = (f"median {middle:.1f}, p90 {p90:.1f}, max {most:.1f}" for middle, p90, most in (raw, scaled))
+            yield f"{name}: CPU s {'; scaled '.join(words)}{summarise_coverage(own)}"
+    yield f"the machine counts to ten million in {usual:.2f} s; scaled to one that does in {REFERENCE_COUNT_S:.2f} s"
+
+
+def count_outcomes(head: str, records: list[Record], row: Callable[[Record], str]) -> Iterator[str]:
+    """Lines of a table with one row for each label that `row` gives to a record."""
     counts: dict[str, Counter[str]] = {}
-    for r in sorted(records, key=lambda r: (r["kind"], min(r.get("z", {}).values(), default=math.inf))):
-        counts.setdefault(label(r), Counter())[classify(r)] += 1
+    for r in records:
+        counts.setdefault(row(r), Counter())[classify(r)] += 1
     heads = [o for o in OUTCOMES if any(c[o] for c in counts.values())]
-    yield "| hidden | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|"
+    yield f"| {head} | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|"
     for name, count in counts.items():
         yield f"| {name} | {count.total()} | " + " | ".join(str(count[o]) for o in heads) + " |"
     yield ""
-    kinds = {kind: [r for r in records if r["kind"] == kind] for kind in sorted({r["kind"] for r in records})}
-    for kind, own in {**kinds, "all": records}.items():
-        if spent := [r["cpu_s"] for r in own if "cpu_s" in r]:
-            middle, p90 = np.quantile(spent, (0.5, 0.9))
-            yield f"{kind}: CPU s median {middle:.1f}, p90 {p90:.1f}, max {max(spent):.1f}{summarise_coverage(own)}"
-    if seconds := [r["count_s"] for r in records if "count_s" in r]:
-        yield f"the machine counts to ten million in {np.median(seconds):.2f} s"
 
 
 def summarise_coverage(records: list[Record]) -> str:
@@ -264,7 +284,7 @@ def compare_records(first: list[Record], second: list[Record]) -> Iterator[str]:
         if (classify(a), a.get("effects"), a.get("inputs")) != (classify(b), b.get("effects"), b.get("inputs")):
             z = ", ".join(f"{v:.0f}" for v in a["z"].values())
             cells = (f"{classify(r)}: {describe_end(r)}" for r in (a, b))
-            yield f"| {a['name']} | {describe_truth(a)} | {z} | {' | '.join(cells)} |"
+            yield f"| {a['name']} | {' + '.join(truths(a)) or 'nothing'} | {z} | {' | '.join(cells)} |"
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -290,8 +310,8 @@ def main() -> None:
     elif args.command == "run":
         run_campaigns(args.folder, args.results, args.only, args.engine, args.processes, args.limit)
     else:
-        files = [f for f in (args.results, args.other) if f is not None]
-        records = [[r for r in read_records(f) if fnmatch(r["name"], args.only)] for f in files]
+        files = [read_records(f) for f in (args.results, args.other) if f is not None]
+        records = [[r for r in file if fnmatch(r["name"], args.only)] for file in files]
         print(*(tabulate(records[0]) if len(records) == 1 else compare_records(*records)), sep="\n")
 
 

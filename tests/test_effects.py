@@ -227,15 +227,19 @@ ROOT = PACKAGE.parent
 EFFECTS = PACKAGE / "physics" / "effects"
 ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").glob("*.py")] if f.parent != EFFECTS]
 WORDS = {  # that are quantities or parts of a camera's image before they are effects, and where they are such
-    "emissivity": ("camera", "physics/quantities.py", "lab/camera_page.py"),
+    "emissivity": (
+        "camera", "physics/quantities.py", "lab/camera_page.py", "comparison/known_inputs.py",
+        "discovery/hypotheses", "discovery/prediction.py",
+    ),
     "blur": ("camera", "physics/quantities.py"),
     "radiation": ("camera/radiometry.py",),
     "registration": ("camera", "comparison/compare.py", "api/camera.py"),
-}
+}  # fmt: skip
 NAMED = {  # modules that name an effect, and why they must
     "model/case_file.py": {"edge_pressure", "wear"},  # examples in docstrings
     "model/priors.py": {"friction_softening", "edge_pressure", "wear", "persson_friction"},  # how well keys are known
     "discovery/parameters.py": {"pressure_tilt"},  # a docstring's example of a key
+    "discovery/hypotheses/input_steps.py": {"reflection"},  # moves the reflected temperature that a recording states
     "viz/verdict_parts.py": {"third_body"},  # a docstring's example of a name
     "runs/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
     "runs/road.py": {"persson_friction"},  # writes a road's spectrum into that effect's keys

@@ -30,6 +30,13 @@ TOWER = [  # from the ground; a package imports itself and what stands before it
     ["__main__"],
 ]
 FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
+DISCOVERY = [  # the same inside discovery; modules that lie in no group are shared by all and may import from all
+    ["hypotheses"],
+    ["estimation"],
+    ["selection"],
+    ["measurement_errors", "diagnostics"],
+]
+GROUP_FLOOR = {name: floor for floor, names in enumerate(DISCOVERY) for name in names}
 MOST = 15  # entries at the top of flashtemp/
 LONGEST = 500  # lines of a module
 SCREEN = 60  # lines of a function; its complexity is linted
@@ -92,6 +99,22 @@ def may_import(module: str) -> set[str]:
 @named()
 def test_imports_only_from_below(module):
     assert {m for m in own(MODULES[module]) if layer(m) not in may_import(module)} == set()
+
+
+def discovery_group(module: str) -> str | None:
+    """The folder of discovery that a module lies in, if any."""
+    inside = MODULES[module].relative_to(ROOT).parts if module in MODULES else ()
+    return inside[2] if inside[:2] == ("flashtemp", "discovery") and len(inside) > 3 else None
+
+
+GROUPED = [m for m in sorted(MODULES) if discovery_group(m)]
+
+
+@pytest.mark.parametrize("module", GROUPED)
+def test_groups_of_discovery_import_only_from_below(module):
+    floor = GROUP_FLOOR[discovery_group(module)]  # a new group needs a place in DISCOVERY
+    others = {discovery_group(m) for m in own(MODULES[module])} - {discovery_group(module), None}
+    assert {g for g in others if GROUP_FLOOR[g] >= floor} == set()
 
 
 def test_the_listing_stays_short():

@@ -134,6 +134,23 @@ def test_radiation_film_and_heater_balance_exactly_at_1000_K(tmp_path, lab):
     assert run.energy_imbalance < 1e-9
 
 
+def test_radiation_of_the_back_balances_the_heat_that_is_conducted_to_it(tmp_path, lab):
+    """Steady, face held at 800 degC: k (T_f - T)/H = eps sigma (T^4 - T_a^4); a grey back of 0.7 on a cell of 1 mm."""
+    more = "[radiation]\nemissivity = 0.0\nback = 0.7\n[driven_faces]\nface = [[0.0, 800.0]]\n"
+    run, T, z = end(
+        tmp_path, ["radiation", "driven_faces"], more, {"numerics.first_block": 1e-3, "schedule.alone": 2e4}
+    )
+    face = 1073.15
+
+    def left(T):
+        return K * (face - T) / H - 0.7 * 5.670374419e-8 * (T**4 - 293.15**4)
+
+    back = brentq(left, 293.15, face)
+    assert 300.0 < back < 800.0
+    lab.check("slab whose back radiates, K", float(np.abs(T + 273.15 - (face - (face - back) * z / H)).max()), 0.02)
+    assert run.energy_imbalance < 1e-9
+
+
 def test_heat_absorbed_in_depth_follows_beer(tmp_path, lab):
     """Steady, face insulated, back held: T = q/(k w) [(H - z) - d (exp(-z/d) - exp(-H/d))], w = 1 - exp(-H/d)."""
     q, d = 500.0, 2e-3

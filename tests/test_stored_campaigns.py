@@ -100,10 +100,11 @@ def test_a_failure_is_recorded_with_its_traceback(judged):
 
 def record(kind="single", verdict="named", effects=(), hidden=TILT, **more):
     base = {"name": "a", "kind": kind, "hidden": hidden, "setup": {}, "verdict": verdict, "effects": list(effects)}
-    return base | {"inputs": [], "group": [], "parameters": [], "z": {}, "cpu_s": 1.0} | more
+    return base | {"engine": "e", "inputs": [], "group": [], "parameters": [], "z": {}, "cpu_s": 1.0} | more
 
 
 PAIR = TILT | {"time_lag": {"lag": 0.1}}
+SETUP = {"kind": "setup", "hidden": {}}
 
 
 @pytest.mark.parametrize(
@@ -117,19 +118,37 @@ PAIR = TILT | {"time_lag": {"lag": 0.1}}
         ("group", {"verdict": "group", "effects": ["blur"], "group": ["blur", "pressure_tilt"]}),
         ("wrong", {"verdict": "group", "effects": ["blur"], "group": ["blur", "time_lag"]}),
         ("law", {"verdict": "learned", "effects": ["learned_law"]}),
-        ("input", {"inputs": ["block_length"]}),
+        ("wrong", {"inputs": ["block_length"]}),
+        ("wrong", {"effects": ["pressure_tilt"], "inputs": ["pixel_scale"]}),
+        ("wrong", {"verdict": "held_key", "inputs": ["materials.asphalt.density"]}),
+        ("wrong", {"verdict": "group", "group": ["blur", "pressure_tilt"], "inputs": ["pixel_scale"]}),
+        ("wrong", {"verdict": "learned", "effects": ["learned_law"], "inputs": ["pixel_scale"]}),
+        ("weak wrong", {"verdict": "weak", "effects": ["pressure_tilt"], "inputs": ["pixel_scale"]}),
+        ("extra", {"verdict": "group", "effects": ["pressure_tilt", "time_lag"], "group": ["pressure_tilt", "blur"]}),
         ("none", {"verdict": "none_needed"}),
         ("timeout", {"verdict": "timeout"}),
         ("right", {"kind": "pair", "hidden": PAIR, "effects": ["time_lag", "pressure_tilt"]}),
         ("part", {"kind": "pair", "hidden": PAIR, "effects": ["time_lag"]}),
         ("none", {"kind": "null", "hidden": {}, "verdict": "none_needed"}),
         ("wrong", {"kind": "null", "hidden": {}, "effects": ["blur"]}),
+        ("wrong", {"kind": "null", "hidden": {}, "inputs": ["pixel_scale"]}),
+        ("wrong", {"kind": "null", "hidden": {}, "verdict": "none_needed", "inputs": ["clock"]}),
+        ("weak wrong", {"kind": "null", "hidden": {}, "verdict": "weak", "effects": ["blur"]}),
         ("right", {"kind": "outside", "hidden": {"waves": {}}, "verdict": "learned", "effects": ["learned_law"]}),
         ("wrong", {"kind": "outside", "hidden": {"waves": {}}, "effects": ["blur"]}),
-        ("right", {"kind": "setup", "hidden": {}, "setup": {"length": 1e-3}, "inputs": ["block_length"]}),
-        ("wrong", {"kind": "setup", "hidden": {}, "setup": {"length": 1e-3}, "inputs": ["image_turn"]}),
-        ("wrong", {"kind": "setup", "hidden": {}, "setup": {"turned": 0.03}, "effects": ["pressure_tilt"]}),
-        ("none", {"kind": "setup", "hidden": {}, "setup": {"turned": 0.03}, "verdict": "none_needed"}),
+        ("right", SETUP | {"setup": {"length": 1e-3}, "inputs": ["block_length"]}),
+        ("right", SETUP | {"setup": {"length": 1e-3}, "inputs": ["block_length", "pixel_scale"]}),
+        ("right", SETUP | {"setup": {"emissivity": 0.3}, "inputs": ["sidewall.emissivity"]}),
+        ("right", SETUP | {"setup": {"clock": 0.1}, "effects": ["time_lag"]}),
+        ("right", SETUP | {"setup": {"mirrored": True, "recordings": ["a.nc"]}, "inputs": ["mirrored"]}),
+        ("wrong", SETUP | {"setup": {"length": 1e-3}, "inputs": ["image_turn"]}),
+        ("wrong", SETUP | {"setup": {"length": 1e-3}, "inputs": ["block_length", "image_turn"]}),
+        ("wrong", SETUP | {"setup": {"length": 1e-3}, "inputs": ["block_length"], "effects": ["pressure_tilt"]}),
+        ("wrong", SETUP | {"setup": {"turned": 0.03}, "effects": ["pressure_tilt"]}),
+        ("part", SETUP | {"setup": {"turned": 0.03, "length": 1e-3}, "inputs": ["image_turn"]}),
+        ("weak", SETUP | {"setup": {"turned": 0.03}, "inputs": ["image_turn"], "verdict": "weak"}),
+        ("unexplained", SETUP | {"setup": {"turned": 0.03}, "inputs": ["image_turn"], "verdict": "unexplained"}),
+        ("none", SETUP | {"setup": {"turned": 0.03}, "verdict": "none_needed"}),
     ],
 )
 def test_outcomes_are_classified_against_the_truth(campaigns, expected, fields):
@@ -149,6 +168,38 @@ def test_the_table_counts_outcomes_by_z_and_coverage_with_exact_bounds(campaigns
     assert "| single, z unknown | 1 | 0 | 0 | 1 |" in lines
     assert "9 of 10 (55 to 100 %)" in lines  # Clopper and Pearson 1934: 0.555 to 0.9975
     assert "max 99.0" in lines
+
+
+def test_the_table_has_a_row_per_source_and_kind(campaigns):
+    rows = [record(name="twin_blur_1", hidden={"blur": {}}, effects=["blur"]), record(name="twin_wear_2")]
+    rows += [record("null", "none_needed", name=f"realistic_{k}", hidden={}) for k in range(3)]
+    rows += [record("setup", name="setup_load", hidden={}, setup={"load": 1.1}, inputs=["contact.pressure"])]
+    [head, *table] = "\n".join(campaigns.tabulate(rows)).split("| source ")[1].splitlines()
+    assert head.split("|")[1:-1] == [" campaigns ", " right ", " none "]
+    assert table[1:4] == [
+        "| realistic, null | 3 | 0 | 3 |",
+        "| setup, setup | 1 | 1 | 0 |",
+        "| twin, single | 2 | 1 | 1 |",
+    ]
+    assert [line.split(":")[0] for line in table if "CPU s" in line] == ["realistic", "setup", "twin", "all"]
+
+
+def test_cpu_seconds_are_shown_raw_and_scaled_to_the_reference_core(campaigns):
+    """A core that counts in 0.36 s is half as fast as the reference: 40 s are 20 s there; a timeout takes the median."""
+    rows = [record(cpu_s=s, count_s=0.36) for s in (20.0, 40.0)] + [record(verdict="timeout", cpu_s=300.0)]
+    [line] = [line for line in campaigns.tabulate(rows) if line.startswith("all")]
+    assert "CPU s median 40.0" in line
+    assert "scaled median 20.0" in line
+    assert line.count("max 300.0") == line.count("max 150.0") == 1
+
+
+def test_a_results_file_refuses_another_engine(campaigns, judged, tmp_path):
+    with pytest.raises(SystemExit, match="other_engine and stub_engine"):
+        campaigns.run_campaigns(judged[2].parent, judged[2], "*", "other_engine", 1, 1)
+    mixed = tmp_path / "mixed.jsonl"
+    mixed.write_text("".join(json.dumps(record(engine=e)) + "\n" for e in ("old", "new")))
+    with pytest.raises(SystemExit, match="verdicts of new and old"):
+        campaigns.read_records(mixed)
 
 
 def test_two_files_are_compared_campaign_by_campaign(campaigns):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +19,13 @@ from flashtemp.camera.recording import load as recording
 from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare, words
-from flashtemp.comparison.twin import SEALED, Plan, discretisation, twin
+from flashtemp.comparison.twin import SEALED, Plan, discretisation, strength, twin
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
+from flashtemp.model.schema import fault
+from flashtemp.physics.effect import catalogue
 
+CASES = Path(__file__).parents[1] / "cases"
 SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
 
 
@@ -49,6 +53,24 @@ def null(made):
 
 def sealed(folder) -> dict:
     return json.loads((folder / SEALED).read_text())
+
+
+@pytest.mark.parametrize("name", [n for n, e in catalogue().items() if not e.base])
+def test_drawn_parameters_of_a_hidden_effect_are_values_that_a_case_accepts(case, name):
+    params = catalogue()[name].params()
+    for seed in range(3):
+        for key, value in strength(name, case, np.random.default_rng(seed)).items():
+            assert (type(value) is int) == ("whole" in params[key].kinds), key
+            assert fault(params[key], value) is None, key
+
+
+def test_hidden_spots_keep_the_seed_of_their_pattern():
+    spots = load(CASES / "resolved_spots")
+    drawn = strength("resolved_spots", spots, np.random.default_rng(1))
+    assert drawn["seed"] == spots["resolved_spots.seed"]
+    assert (
+        spots.with_values({f"resolved_spots.{k}": v for k, v in drawn.items()})["resolved_spots.seed"] == drawn["seed"]
+    )
 
 
 # --- what a twin is -----------------------------------------------------------------------------------

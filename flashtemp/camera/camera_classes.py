@@ -16,11 +16,13 @@ UNCOOLED, COOLED = "uncooled", "cooled"
 @dataclass(frozen=True)
 class CameraErrors:
     """Standard deviations: `level_K` of the offset after each flat-field correction, `drift_K_per_sqrt_s` of its Wiener
-    process between them, `map_K` of a smooth static offset over the image, `gain_map` of a smooth static gain,
+    process between them, `warm_up_K` of a steady drift over a whole recording (tenths of a kelvin while an uncooled camera
+    warms up: Minkina & Dudzik, section 3.5), `map_K` of a smooth static offset over the image, `gain_map` of a smooth static gain,
     `smear_s` of a pixel's response time, `halo` of the fraction of light that goes astray over a tenth of the image."""
 
     level_K: float
     drift_K_per_sqrt_s: float
+    warm_up_K: float
     map_K: float
     gain_map: float
     smear_s: float
@@ -28,6 +30,6 @@ class CameraErrors:
 
 
 CAMERA_CLASSES = {
-    UNCOOLED: CameraErrors(0.5, 0.02, 0.15, 0.003, 0.01, 0.01),
-    COOLED: CameraErrors(0.1, 0.003, 0.05, 0.0015, 0.0005, 0.005),
+    UNCOOLED: CameraErrors(0.5, 0.02, 0.3, 0.15, 0.003, 0.01, 0.01),
+    COOLED: CameraErrors(0.1, 0.003, 0.02, 0.05, 0.0015, 0.0005, 0.005),
 }

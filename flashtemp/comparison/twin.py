@@ -200,8 +200,9 @@ def strength(name: str, case: Case, rng) -> dict[str, float]:
         if isinstance(base, bool) or not isinstance(base, (int, float)):
             continue
         factor = float(rng.uniform(0.5, 1.5)) if param.off is not None else 1.0
-        out[key] = float(np.clip(param.off + factor * (base - param.off) if param.off is not None else base,
-                                 param.low, param.high))  # fmt: skip
+        value = base if param.off is None else param.off + factor * (base - param.off)
+        bounded = float(np.clip(value, param.low, param.high))
+        out[key] = round(bounded) if "whole" in param.kinds else bounded
     return out
 
 

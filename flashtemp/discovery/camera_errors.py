@@ -68,7 +68,10 @@ def _reflected(r: Recording, values: Array) -> float:
 
 # --- offset in time --------------------------------------------------------------------------------------
 def _offsets(r: Recording, left: Array, sizes: CameraErrors) -> Iterator[Array]:
-    """Offsets (frames,) K: between shutter events a free level and the modes of a Wiener process."""
+    """Offsets (frames,) K: a steady drift, and between shutter events a free level and modes of a Wiener process."""
+    ramp = (r.time - r.time[0]) / max(float(np.ptp(r.time)), 1e-12)
+    for curve in (ramp, ramp * (1.0 - ramp)):  # a camera that settles drifts faster at first
+        yield sizes.warm_up_K * curve
     events = shutter_events(left, r, temporal_noise(left), ALIKE)
     for begin, end in zip((0, *events), (*events, r.frames), strict=True):
         part = slice(int(begin), int(end))

@@ -278,11 +278,11 @@ class System:
         at = [self.index[n] for n in names]
         return total.right[at], total.matrix[np.ix_(at, at)]
 
-    def bounded(self, priors: Priors, most: float) -> Solution:
+    def bounded(self, priors: Priors, most: float, equations: NormalEquations | None = None) -> Solution:
         """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
-        free = self.solve(priors)
+        total = equations or self.total()
+        free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
-        total = self.total()
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
         A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
         rhs, middle = sd * total.right[at] + mean / sd, mean / sd

@@ -205,6 +205,39 @@ class Missing:
 
 
 @dataclass(frozen=True)
+class RuleResult:
+    """One rule on the way to the verdict: what was asked, `value` against `limit`, whether it `passed`, and what follows
+    where it did not."""
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+    consequence: str
+
+
+@dataclass(frozen=True)
+class InputResult:
+    """A stated number of case or set-up against the data: `stated` in `unit` with the standard deviation `sd` of what is
+    known (relative where `relative`) and its `source`; `estimate` with `stderr` from the data alone, `pull` in standard
+    deviations of both together, `ln_bayes` of freeing it; `verdict` contradicted, consistent or not checkable."""
+
+    key: str
+    words: str
+    stated: float
+    unit: str
+    sd: float
+    relative: bool
+    source: str
+    estimate: float
+    stderr: float
+    pull: float
+    ln_bayes: float
+    verdict: str
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Pull:
     """A calibrated nuisance: value and its distance from what was known beforehand, in standard deviations."""
 
@@ -224,7 +257,8 @@ class Verdict(Shown):
     adequacy, with value and limit; `assumed` priors.  `certain` effects that all members of a group share;
     `laboratory` errors that calibration found; `held_key` one that explains what a cause would; `checklist` of what to
     look at again where nothing explains the data, `open_ends` {effects: ln Bayes factor} that no full fit has judged;
-    `law` one that was learned where the catalogue has none.
+    `law` one that was learned where the catalogue has none.  `rules` that led to the verdict; `inputs`: every stated
+    number against the data, and keys of those that the data cannot tell from each other.
     """
 
     title: str
@@ -257,6 +291,9 @@ class Verdict(Shown):
     checklist: tuple[Check, ...] = ()
     open_ends: dict[str, float] = field(default_factory=dict)
     law: LearnedLaw | None = None
+    rules: tuple[RuleResult, ...] = ()
+    inputs: tuple[InputResult, ...] = ()
+    inputs_told_together: tuple[tuple[str, ...], ...] = ()
 
     @property
     def extends(self) -> bool:
@@ -299,6 +336,9 @@ class Verdict(Shown):
             "checklist": [asdict(c) for c in self.checklist],
             "open_ends": self.open_ends,
             "law": None if self.law is None else self.law.as_dict(),
+            "rules": [asdict(r) for r in self.rules],
+            "inputs": [asdict(i) for i in self.inputs],
+            "inputs_told_together": [list(group) for group in self.inputs_told_together],
             "seconds": self.seconds,
         }
 

@@ -57,7 +57,7 @@ class Hypothesis:
     """What is fitted: a `model` to begin at and the `effects` of it that move.
 
     `parent`: the fit that it extends.  Its derivatives serve until they prove too poor, so that only those of new
-    effects are computed.
+    effects are computed.  `keeps_candidates`: derivatives of effects that it lacks are carried along too.
     """
 
     problem: Problem
@@ -65,6 +65,7 @@ class Hypothesis:
     model: Model
     effects: tuple[Candidate, ...] = ()
     parent: Fit | None = None
+    keeps_candidates: bool = False
 
     @classmethod
     def extending(cls, problem: Problem, data: Data, parent: Fit, effects: Sequence[Candidate]) -> Hypothesis:
@@ -85,6 +86,8 @@ class Hypothesis:
 
     def borrows(self, p: ParameterId) -> bool:
         """Whether a derivative of another fit is of use: not of effects that this one lacks, nor of fixed keys."""
+        if self.keeps_candidates:
+            return True
         if p.kind is Kind.EFFECT:
             return p in self.effect_priors
         return p.kind is not Kind.INPUT and (p.kind is not Kind.KEY or p in self.problem.free)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linearised_fit import Fit
@@ -17,16 +18,10 @@ from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.selection.scores import Score, pairs, scores, worth_another_look
+from flashtemp.discovery.selection.scores import Pair, Score, pairs, scores, worth_another_look
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import SolverFailure
 
-MAX_CAUSES = 2
-LN_BAYES_NAMED = 8.0
-LN_BAYES_WEAK = 5.0
-SHORTLIST = 3
-SHORTLIST_RANGE = 20.0  # ln Bayes factor behind the best score, up to which a candidate is fitted in full
-SCORE_FRACTION = 0.4  # of the best score: the same for large ones, whose sensitivities are far from their point
 Names = frozenset[str]
 
 
@@ -59,7 +54,7 @@ def with_candidates(
     """
     own = [c for c in problem.tried if c.effect in fit.model.effects]
     others = tuple(c for c in candidates if c.effect not in fit.model.effects)
-    h = Hypothesis(problem, data, fit.model, tuple(own))
+    h = Hypothesis(problem, data, fit.model, tuple(own), keeps_candidates=True)
     wanted = replace(h.all_derivatives(), candidates=others, inputs=inputs)
     tasks = problem.tasks(fit.model, wanted)
     predictions = problem.predictions(tasks)
@@ -78,7 +73,7 @@ def settle(h: Hypothesis, first: Linearisation, watch: Watch) -> Fit:
 def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
     """Extend a calibrated base as long as the evidence asks for it.  Raises SolverFailure."""
     search = Search(problem, data, base, base, {frozenset(): base})
-    for _ in range(MAX_CAUSES):
+    for _ in range(int(CRITERIA.max_causes)):
         ranked = scores(problem, search.best, problem.tried)
         search = _fit_shortlist(replace(search, ranking=(*search.ranking, ranked)), ranked, watch)
         found = _worth_its_parameters(search)
@@ -94,7 +89,7 @@ def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
 
 def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Search:
     """Full fits of the candidates with the best scores, and of the best pair where it explains far more than each."""
-    groups = [(s.candidate,) for s in shortlist(ranked)]
+    groups: list[tuple[Candidate, ...]] = [(s.candidate,) for s in shortlist(ranked)]
     if not names_of(search.best):
         groups += [tuple(s.candidate for s in p.scores) for p in _pairs(search, ranked)]
     if not groups:
@@ -113,31 +108,35 @@ def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Sea
 
 def shortlist(ranked: Sequence[Score]) -> list[Score]:
     """Candidates that are fitted in full."""
-    likely = [s for s in ranked if s.ln_bayes > LN_BAYES_WEAK - 2.0]
+    likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint - 2.0]
     if not likely:
         return []
     best = likely[0].ln_bayes
-    return [s for s in likely if s.ln_bayes > min(best - SHORTLIST_RANGE, SCORE_FRACTION * best)][:SHORTLIST]
+    return [s for s in likely if s.ln_bayes > min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)][
+        : int(CRITERIA.shortlist)
+    ]
 
 
-def _pairs(search: Search, ranked: Sequence[Score]):
+def _pairs(search: Search, ranked: Sequence[Score]) -> list[Pair]:
     """The best pair, if its score exceeds that of its better member by what a further cause needs."""
     if len(ranked) < 2:
         return []
     best = max((s.ln_bayes for s in ranked), default=0.0)
     found = pairs(search.problem, search.best, ranked)[:1]
-    return [p for p in found if p.ln_bayes > max(best, 0.0) + LN_BAYES_NAMED and p.more > LN_BAYES_NAMED]
+    return [
+        p for p in found if p.ln_bayes > max(best, 0.0) + CRITERIA.ln_bayes_named and p.more > CRITERIA.ln_bayes_named
+    ]
 
 
 def _worth_its_parameters(search: Search) -> Fit | None:
     """The extension with the largest evidence, if each of its effects pays for itself."""
     own = names_of(search.best)
     extended = [f for names, f in search.fits.items() if names > own and f.usable]
-    best = max(extended, key=lambda f: f.ln_evidence - LN_BAYES_NAMED * len(names_of(f)), default=None)
+    best = max(extended, key=lambda f: f.ln_evidence - CRITERIA.ln_bayes_named * len(names_of(f)), default=None)
     if best is None:
         return None
     gained = best.ln_evidence - search.best.ln_evidence
-    return best if gained > LN_BAYES_NAMED * (len(names_of(best)) - len(own)) else None
+    return best if gained > CRITERIA.ln_bayes_named * (len(names_of(best)) - len(own)) else None
 
 
 def is_alive(problem: Problem, fit: Fit) -> bool:

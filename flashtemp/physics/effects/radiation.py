@@ -1,8 +1,10 @@
 """Warm walls and the warm road radiate to the surroundings: eps sigma (T_air^4 - T^4).
 
 >>> from types import SimpleNamespace as N
->>> leading, *_ = Radiation().heat(None, None)
+>>> leading, *_, back = Radiation().heat(None, None)
 >>> round(leading.law(343.15, N(ambient=293.15), N(emissivity=0.95)), 3)
+-349.088
+>>> round(back.law(343.15, N(ambient=293.15), N(back=0.95)), 3)
 -349.088
 """
 
@@ -29,8 +31,10 @@ class Radiation(Effect):
         0.0, "1", "emissivity of the face while nothing touches it, at any temperature", low=0.0, high=1.0, off=0.0
     )
 
+    back = Param(0.0, "1", "emissivity of the back, opposite to the face", low=0.0, high=1.0, off=0.0)
+
     def heat(self, scene, p):
-        """Fluxes through all walls, the free road and, while nothing touches it, the face."""
+        """Fluxes through all walls, the free road, the face while nothing touches it, and the back."""
 
         def law(T, now, p):
             return p.emissivity * SIGMA * (now.ambient**4 - T**4)
@@ -42,3 +46,4 @@ class Radiation(Effect):
             return (0.0 if now.touching else p.face) * SIGMA * (now.ambient**4 - T**4)
 
         yield Heat.patch("block.face", of_face)
+        yield Heat.patch("block.holder", lambda T, now, p: p.back * SIGMA * (now.ambient**4 - T**4))

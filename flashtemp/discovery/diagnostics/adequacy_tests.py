@@ -1,0 +1,242 @@
+"""Is the final model good enough?  Tests that stay quiet while it is, and simulated tests of residual structure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.comparison.campaign import View
+from flashtemp.comparison.noise import lag_one, over_frames
+from flashtemp.discovery.criteria import Criteria
+from flashtemp.discovery.decision import AdequacyTest
+from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, residual
+from flashtemp.discovery.nuisances import GROUPS, MODE, is_camera_gain, unnamed_heat
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.verdict import OwnValue, Test
+
+SIMULATED = 99  # noise-only data sets per block
+MAX_DATA = 4000  # last data of a block that they cover
+
+
+def adequacy_tests(problem: Problem, fit: Fit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
+    """What is left of all data by a fit, its calibrated parameters and the agreement of conditions, with limits."""
+    every = refit_all_data(fit)
+    seen = fit.system.seen
+    away = normalised_deviations(every) | {p: v for p, v in normalised_deviations(fit).items() if p in seen}
+    setup = (Kind.SIZE, Kind.SCALE, Kind.TURN, Kind.CLOCK, Kind.SHIFT_U, Kind.SHIFT_V)  # reported by themselves
+    keys = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
+    own = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY and p.kind not in setup), default=0.0)
+    scatter = [s.probability for e in fit.model.effects for s in estimates_per_condition(problem, fit, e, every=True)]
+    least = -float(np.log10(criteria.condition_scatter))
+    return (
+        AdequacyTest("amplitude differs between conditions (-log10 of its probability)",
+                     max((-float(np.log10(max(p, 1e-99))) for p in scatter), default=0.0), least),
+        AdequacyTest("heat of any shape (ln Bayes factor)", unnamed_heat_evidence(problem, fit),
+                     criteria.ln_bayes_unnamed_heat),
+        AdequacyTest("pressure of any shape (chi2 of modes)", pressure_mode_chi2(fit), criteria.pressure_modes_chi2),
+        AdequacyTest("calibrated parameters (standard deviations)", keys, criteria.pull_adequate),
+        AdequacyTest("camera and friction scatter (standard deviations)", own, criteria.pull_nuisance),
+        AdequacyTest("noise left over (chi2 over what noise may give)", largest_misfit(fit, every, criteria), 1.0),
+    )  # fmt: skip
+
+
+def largest_misfit(fit: Fit, every: Fit, criteria: Criteria) -> float:
+    """Largest chi2 per datum of a recording, over what its noise may give: its stated variance is uncertain itself."""
+    worst = 0.0
+    left = {b.label: e for f in (fit, every) for b, e in zip(f.blocks, f.system.left(f.solution), strict=True)
+            if b.held_out is (f is every)}  # fmt: skip
+    for b in fit.blocks:
+        chance = criteria.adequacy_standard_errors * np.sqrt(2.0 / b.count)
+        known = 2.0 * 2.0 * criteria.noise_sd_uncertainty  # two standard uncertainties of a variance
+        chi2 = left.get(b.label, 0.0) / b.count
+        worst = max(worst, chi2 / (1.0 + float(np.hypot(chance, known))))
+    return float(worst)
+
+
+def unnamed_heat_evidence(problem: Problem, fit: Fit) -> float:
+    """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions.
+
+    0 where nothing slides, or no data fitted feel it.
+    """
+    seen = fit.system.seen
+    unnamed = unnamed_heat(n for n in fit.system.names if n in seen)
+    if not unnamed:
+        return 0.0
+    free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
+    base = fit.solved(problem, free, fit.equations)
+    wider = fit.solved(problem, free | unnamed, fit.equations)
+    return float(wider.solution.ln_evidence - base.solution.ln_evidence)
+
+
+def pressure_mode_chi2(fit: Fit) -> float:
+    """chi2 of the pressure modes against their prior, at its nominal width."""
+    modes = [p for p in fit.solution.names if p.kind is Kind.MODE]
+    return float(sum((fit.solution[p] / (MODE / p.index[0])) ** 2 for p in modes))
+
+
+def refit_all_data(fit: Fit) -> Fit:
+    """A fit with held-out data fitted too: what was fitted is known within its errors only, and the question is whether
+    one model may explain everything."""
+    if not any(b.held_out for b in fit.blocks):
+        return fit
+    everything = fit.system.total(lambda b: True, fit.hyper.variances)
+    return replace(fit, solution=fit.system.solve(fit.priors, everything))
+
+
+def normalised_deviations(fit: Fit) -> dict[ParameterId, float]:
+    """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
+    out, gains = {}, any(map(is_camera_gain, fit.priors))
+    for p in fit.solution.names:
+        mean, sd = fit.priors[p]
+        apart = p.kind is Kind.SPREAD or (gains and p.kind is Kind.MAP)  # not all cameras are known alike
+        known = sd if apart else GROUPS.get(p.kind, sd)
+        out[p] = (fit.solution[p] - mean) / known
+    return out
+
+
+def residual_structure_tests(fit: Fit, seed: int, stage: str) -> list[Test]:
+    """Structure in what is left, with the share of simulated noise-only data that shows more.
+
+    Toys are noise projected like the data were.
+    """
+    rng = np.random.default_rng(seed)
+    out = []
+    for block in fit.blocks:
+        left, Q = _last(block, fit)
+        found = _statistics(left)
+        toys = np.empty((SIMULATED, len(found)))
+        for i in range(SIMULATED):
+            noise = rng.normal(size=len(left))
+            toys[i] = list(_statistics(noise - Q @ (Q.T @ noise)).values())
+        for j, (name, value) in enumerate(found.items()):
+            far = np.abs(toys[:, j] - np.median(toys[:, j])) >= abs(value - np.median(toys[:, j]))
+            out.append(Test(name, block.label, float(value), float((1 + far.sum()) / (1 + SIMULATED)), stage))
+    return out
+
+
+def _last(block: Block, fit: Fit) -> tuple[Array, Array]:
+    """What is left of the last data of a block (n,), and an orthonormal basis (n, k) of what was fitted to them."""
+    used = sorted({c for p, c in block.names if p in fit.solution.names})
+    part = slice(max(0, block.count - MAX_DATA), None)
+    C = np.concatenate([block.C[part], block.F[part]], axis=1)[:, used].astype(float)
+    left = residual(block, fit.solution)[part]
+    return left, np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
+
+
+@dataclass(frozen=True)
+class PerConditionEstimates:
+    """What each condition would have of something that all share, with the `covariance` (n, n) of these values."""
+
+    conditions: tuple[OwnValue, ...]
+    covariance: Array
+
+    @property
+    def probability(self) -> float:
+        """Probability of so much scatter between conditions if all had the same value."""
+        from scipy.stats import chi2
+
+        if len(self.conditions) < 2:
+            return 1.0
+        value, precision = np.array([c.value for c in self.conditions]), np.linalg.inv(self.covariance)
+        away = value - np.sum(precision @ value) / np.sum(precision)
+        return float(chi2.sf(away @ precision @ away, len(value) - 1))
+
+
+def estimate_per_condition(
+    problem: Problem, fit: Fit, parameter: ParameterId, every: bool = False
+) -> PerConditionEstimates:
+    """A parameter of an effect as each condition would have it, if it were one for each and all else shared; by `every`
+    datum, those held out too."""
+    now, (words, split, own) = fit.model.value(parameter), _split_by_condition(problem, fit, [parameter], every)
+    return _estimates(words, [now + split[p] for [p] in own], _covariance(split, [p for [p] in own]))
+
+
+def law_scale_per_condition(problem: Problem, fit: Fit, effect: str, every: bool = False) -> PerConditionEstimates:
+    """How many times a law as found each condition would have it, all its nodes free there.
+
+    A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
+    """
+    nodes = [p for p in fit.fitted if p.effect == effect]
+    if not nodes:  # all on their bounds
+        return PerConditionEstimates((), np.zeros((0, 0)))
+    found = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
+    words, split, own = _split_by_condition(problem, fit, nodes, every)
+    sizes, weights = [], np.zeros((len(own), len(own) * len(nodes)))
+    for k, names in enumerate(own):
+        precision = np.linalg.inv(_covariance(split, names)) @ found
+        weights[k, k * len(nodes) : (k + 1) * len(nodes)] = precision / (found @ precision)
+        theirs = [fit.model.value(p) + split[q] for p, q in zip(nodes, names, strict=True)]
+        sizes.append(float(precision @ theirs / (found @ precision)))
+    return _estimates(words, sizes, weights @ _covariance(split, [p for names in own for p in names]) @ weights.T)
+
+
+def _split_by_condition(
+    problem: Problem, fit: Fit, own: list[ParameterId], every: bool
+) -> tuple[list[str], Solution, list[list[ParameterId]]]:
+    """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
+
+    def asked(b: Block) -> bool:
+        return every or not b.held_out
+
+    seen = {b.condition for b in fit.blocks if asked(b) and {n for n, _ in b.names} >= set(own)}
+    split = fit.system.split(own)
+    names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
+    loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}
+    shared = {p: v for p, v in fit.priors.items() if p not in own}
+    solution = split.solve(shared | loose, split.total(asked, fit.hyper.variances))
+    return [problem.conditions[n].words for n in sorted(seen)], solution, names
+
+
+def _covariance(solution: Solution, names: list[ParameterId]) -> Array:
+    at = [solution.names.index(p) for p in names]
+    return solution.covariance[np.ix_(at, at)]
+
+
+def _estimates(words: Sequence[str], values: Sequence[float], covariance: Array) -> PerConditionEstimates:
+    errors = np.sqrt(np.diag(covariance)).tolist()
+    return PerConditionEstimates(tuple(OwnValue(*own) for own in zip(words, values, errors, strict=True)), covariance)
+
+
+def estimates_per_condition(
+    problem: Problem, fit: Fit, effect: str, every: bool = False
+) -> list[PerConditionEstimates]:
+    """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
+    if effect == EFFECT_NAME:
+        return [law_scale_per_condition(problem, fit, effect, every)]
+    return [estimate_per_condition(problem, fit, p, every) for p in fit.fitted if p.effect == effect]
+
+
+def _statistics(left: Array) -> dict[str, float]:
+    return {
+        "mean square": float(np.mean(left**2)),
+        "correlation of neighbours": lag_one(left, 0)[0],
+        "wider than a pixel": float(np.max(np.abs(_block_means(left)), initial=0.0)),
+    }
+
+
+def _block_means(left: Array, size: int = 8) -> Array:
+    """Means over runs of neighbouring data, in standard errors."""
+    whole = len(left) // size * size
+    means: Array = left[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
+    return means
+
+
+def near_contact_rmse(view: View, residual: npt.NDArray[np.float64]) -> float:
+    """Root mean square (K) of the mean over frames in the two rows of pixels nearest to the contact."""
+    v = view.recording.v
+    seen = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
+    rows = seen[np.argsort(np.abs(v[seen]))[:2]]
+    mean = over_frames(residual[:, rows])
+    return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
+
+
+def time_mean_rmse(residual: npt.NDArray[np.float64]) -> float:
+    """Root mean square (K) of the mean over frames."""
+    mean = over_frames(residual)
+    return float(np.sqrt(np.nanmean(mean**2)))

@@ -1,0 +1,100 @@
+"""How well a fit predicts data that it did not see: recordings held out, or each condition from the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, residual
+from flashtemp.discovery.nuisances import plain
+from flashtemp.discovery.whitening import Data
+
+HELD_OUT = "held out"  # name of the fold of recordings and traces that are marked so
+MAX_PULL = 3.0  # prior standard deviations that a model may be bent by to be called the model as people know it
+
+Keep = Callable[[Block], bool]
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Data left out, fold by fold: joint ln probability of each fold given the rest, `density` (folds,), root mean
+    square of what is left in K and in standard deviations, and chi2 less its expectation, `excess`."""
+
+    labels: tuple[str, ...]
+    density: Array
+    rmse_K: float
+    z: float
+    excess: float
+
+    @property
+    def is_held_out(self) -> bool:
+        return self.labels == (HELD_OUT,)
+
+
+def without_flexible_terms(fit: Fit) -> Fit:
+    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
+
+    Nothing may go farther than MAX_PULL standard deviations from what was known, however badly the model fits.
+    """
+    priors = plain(fit.priors) | fit.effects
+    solution = fit.system.bounded(priors, MAX_PULL, fit.equations)
+    return replace(fit, priors=priors, solution=fit.system.completed(solution, priors))
+
+
+def cross_validate(data: Data, fit: Fit) -> CrossValidation:
+    """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
+    system, variances = fit.system, fit.hyper.variances
+    folds = _folds(system)
+    densities, squares, kelvins, count, total = [], 0.0, 0.0, 0, 0
+    for inside in folds.values():
+        every = system.solve(fit.priors, system.total(_with(inside), variances))
+        rest = system.solve(fit.priors, system.total(_without(inside), variances))
+        densities.append(every.ln_evidence - rest.ln_evidence)
+        for block in (b for b in system.blocks if inside(b)):
+            left = _predicted(system, fit, rest, block)
+            squares += float(left @ left)
+            total += block.count
+            if block.label in data.noises:
+                kelvins += float(left @ left) * data.noises[block.label].white ** 2
+                count += len(left)
+    rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
+    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares - total)
+
+
+def _folds(system: System) -> dict[str, Keep]:
+    if any(b.held_out for b in system.blocks):
+        return {HELD_OUT: lambda b: b.held_out}
+    numbers = sorted({b.condition for b in system.blocks})
+    if len(numbers) > 1:
+        return {f"condition {n + 1}": _of_condition(n) for n in numbers}
+    return {b.label: _only(b) for b in system.blocks}
+
+
+def _with(fold: Keep) -> Keep:
+    return lambda b: not b.held_out or fold(b)
+
+
+def _without(fold: Keep) -> Keep:
+    return lambda b: not b.held_out and not fold(b)
+
+
+def _of_condition(number: int) -> Keep:
+    return lambda b: b.condition == number
+
+
+def _only(block: Block) -> Keep:
+    return lambda b: b is block
+
+
+def _predicted(system: System, fit: Fit, rest: Solution, block: Block) -> Array:
+    """Residual (n,) of a block with what others share of the parameters, and its own camera's unknowns fitted."""
+    others = {p for b in system.blocks if b is not block for p, _ in b.names}
+    priors = {}
+    for i, p in enumerate(rest.names):
+        known = float(np.sqrt(rest.covariance[i, i]))
+        shared = p in others and p.everywhere
+        priors[p] = (float(rest.d[i]), 1e-3 * known) if shared else fit.priors[p]
+    return residual(block, system.solve(priors, system.total(_only(block), fit.hyper.variances)))

@@ -1,0 +1,189 @@
+"""The parts of a verdict for people: recordings against a fit, causes, rejected candidates, calibrated parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.adequacy_tests import (
+    estimates_per_condition,
+    near_contact_rmse,
+    normalised_deviations,
+    time_mean_rmse,
+)
+from flashtemp.discovery.diagnostics.cross_validation import CrossValidation
+from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.hypothesis import declaration
+from flashtemp.discovery.linear_gaussian import Array, Block, Solution, change
+from flashtemp.discovery.nuisances import is_camera_gain
+from flashtemp.discovery.parameters import (
+    BEADS,
+    OF_THE_CAMERA,
+    OF_THE_LABORATORY,
+    SHIFTS,
+    Kind,
+    ParameterId,
+)
+from flashtemp.discovery.selection.forward_selection import Search
+from flashtemp.discovery.selection.scores import Score, Separability, separability
+from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
+from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.wording import called
+
+STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
+
+
+def compare_all_recordings(search: Search, fit: Fit) -> tuple[tuple[Seeing, ...], tuple[Pulling, ...]]:
+    """Every recording and trace against a fit, its nuisances included."""
+    seeings, pullings = {}, {}
+    blocks = {b.label: b for b in fit.blocks}
+    for condition, prediction in zip(search.problem.conditions, fit.predictions, strict=True):
+        for view in condition.views:
+            observable = prediction.observables[view.file]
+            predicted = np.array(observable.values, dtype=float)
+            predicted[:, observable.inside] += _change(search.data, fit, blocks[view.file])
+            left = np.where(observable.inside, view.recording.temperature - predicted, np.nan)
+            u, v = (_sd(fit.solution, ParameterId(axis, file=view.file)) for axis in SHIFTS)
+            noise, shift = search.data.noises[view.file], fit.model.shift(view.file)
+            seeings[view.file] = judge(view, predicted, left, noise, shift, (u, v))
+        for force in condition.forces:
+            observable = prediction.observables[force.file]
+            predicted = observable.values + _change(search.data, fit, blocks[force.file])
+            left = np.where(observable.inside, np.array(force.mu) - predicted, np.nan)
+            pullings[force.file] = judge_pull(force, predicted, left)
+    campaign = search.problem.campaign
+    return tuple(seeings[v.file] for v in campaign.views), tuple(pullings[f.file] for f in campaign.forces)
+
+
+def _change(data: Data, fit: Fit, block: Block) -> Array:
+    """What the fit adds to an observable, (frames, pixels inside) or (n,)."""
+    return data.kelvin(block.label, change(block, fit.solution))
+
+
+def _sd(solution: Solution, p: ParameterId) -> float:
+    return solution.sd(p) if p in solution.names else 0.0
+
+
+def summary_metrics(fit: Fit, seeings: Sequence[Seeing], out: CrossValidation) -> Fitness:
+    """The numbers of a model for people."""
+    fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
+    squares = sum(s.rmse_K**2 * s.pixels for s in fitted)
+    count = sum(s.pixels for s in fitted)
+    maps = [time_mean_rmse(s.residual) for s in fitted]
+    near = [near_contact_rmse(s.view, s.residual) for s in fitted if s.view.recording.view != "wake"]
+    return Fitness(
+        rmse_K=float(np.sqrt(squares / max(count, 1))) if count else float("nan"),
+        chi2_per_dof=fit.chi2 / max(fit.solution.count, 1),
+        held_out_rmse_K=out.rmse_K,
+        held_out_z=out.z,
+        mean_map_rmse_K=float(np.sqrt(np.mean(np.square(maps)))) if maps else float("nan"),
+        near_contact_rmse_K=float(np.sqrt(np.nanmean(np.square(near)))) if near else float("nan"),
+    )
+
+
+# --- causes and rejected candidates -------------------------------------------------------------------------
+def describe_cause(search: Search, fit: Fit, effect: str, heldout_gain: float) -> Cause:
+    """One effect of a fit against the best model without it."""
+    without = search.fits.get(frozenset(fit.model.effects) - {effect}, search.base)
+    score = next((s for ranking in search.ranking for s in ranking if s.effect == effect), None)
+    own = [p for p in fit.solution.names if p.effect == effect]
+    bound = sorted(p for p in fit.bound if p.effect == effect)
+    sizes = estimates_per_condition(search.problem, fit, effect, every=True)
+    return Cause(
+        effect=effect,
+        words=search.problem.case.known[effect].cause,
+        parameters=tuple(_estimate(search, fit, p) for p in (*own, *bound)),
+        delta_chi2=_same_freedom(without, fit) - fit.solution.chi2,
+        held_out_gain=heldout_gain,
+        distinctness=separability(search.base, search.problem.tried).distinctness(effect),
+        ln_bayes=fit.ln_evidence - without.ln_evidence,
+        z=score.z if score else 0.0,
+        raw_share=score.raw_share if score else 0.0,
+        per_condition=sizes[0].conditions if sizes else (),
+        consistent=sizes[0].probability if sizes else 1.0,
+    )
+
+
+def _same_freedom(without: Fit, fit: Fit) -> float:
+    """chi2 of a model without an effect, its nuisances as tightly known as in the fit that has it."""
+    priors = {p: (mean, fit.priors[p][1] if p in fit.priors else sd) for p, (mean, sd) in without.priors.items()}
+    return without.system.solve(priors, without.system.total(variances=fit.hyper.variances)).chi2
+
+
+def _estimate(search: Search, fit: Fit, p: ParameterId) -> Estimate:
+    param, value = search.problem.case.known[p.effect].params()[p.name], fit.model.value(p)
+    if p not in fit.solution.names:
+        return Estimate(str(p), value, 0.0, (value, value), param.unit, True)
+    value, sd = value + fit.solution[p], STDERR_INFLATION * fit.solution.sd(p)
+    low, high = (float(np.clip(value + s * 1.96 * sd, param.low, param.high)) for s in (-1, 1))
+    return Estimate(str(p), float(np.clip(value, param.low, param.high)), sd, (low, high), param.unit)
+
+
+def rejected_candidates(search: Search, accepted: Sequence[str]) -> tuple[Rival, ...]:
+    """Every candidate with the reason why it was not chosen."""
+    single = separability(search.base, search.problem.tried)
+    out = [_rejected(search, s, single, accepted) for s in (search.ranking[0] if search.ranking else ())]
+    out += [Rival(e, 0.0, 0.0, f"not tried: {why}", seen=0.0) for e, why in search.problem.left.items()]
+    return tuple(sorted(out, key=lambda r: -r.score))
+
+
+def _rejected(search: Search, s: Score, single: Separability, accepted: Sequence[str]) -> Rival:
+    """A candidate by its full fit where it had one, by its score otherwise."""
+    k, a = s.candidate.first
+    param, name = s.candidate.params[k], s.candidate.column(k)
+    refit, left = search.fits.get(frozenset({s.effect})), None
+    score, amplitude, sd = s.ln_bayes, (param.off or 0.0) + s.amplitude[0], s.sd[0]
+    if refit is not None:
+        score, e = refit.ln_evidence - search.base.ln_evidence, _estimate(search, refit, name)
+        amplitude, sd = e.value, e.stderr
+        if accepted and s.effect not in accepted:
+            left = search.best.ln_evidence - refit.ln_evidence
+    return Rival(
+        effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
+        reason=_why_not(s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
+        unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.seen,
+        detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left,
+        refitted=refit is not None and refit.usable,
+    )  # fmt: skip
+
+
+def _why_not(s: Score, score: float, left: float | None, accepted: Sequence[str]) -> str:
+    if s.effect in accepted:
+        return "accepted"
+    if s.reason:
+        return s.reason
+    if left is not None and score > CRITERIA.ln_bayes_hint:
+        return f"explains part of it, but leaves ln Bayes factor {left:.0f} to {' and '.join(accepted)}"
+    if score > CRITERIA.ln_bayes_named and accepted:
+        return f"its sensitivity resembles that of {accepted[0]}; nothing is left for it beside that"
+    if s.seen < 3.0:
+        return "calibration absorbs it: even at its typical strength these data would hardly show it"
+    return "the data do not ask for it"
+
+
+def calibrated_parameters(search: Search, fit: Fit) -> tuple[Pull, ...]:
+    """Calibrated nuisances, free keys first, then those farthest from what was known."""
+    free, other, away = [], [], normalised_deviations(fit)
+    for p in fit.solution.names:
+        step, sd = fit.solution[p], fit.solution.sd(p)
+        if p.kind is Kind.KEY:
+            value = search.problem.case[p.name] * float(np.exp(fit.model.free[p.name] + step))
+            free.append(Pull(str(p), value, value * sd, away[p], _unit(search, p.name)))
+        elif p.kind in SHIFTS:
+            other.append(Pull(called(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
+        elif p.kind in OF_THE_LABORATORY:
+            unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
+            other.append(Pull(called(p), fit.model.placed(p) + step, sd, away[p], unit))
+        elif p.kind in BEADS:
+            unit = "m" if p.kind is Kind.PLACE else "s"
+            other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], unit))
+        elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR, *OF_THE_CAMERA) and not is_camera_gain(p):
+            other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
+    return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
+
+
+def _unit(search: Search, key: str) -> str:
+    return declaration(search.problem.case, key).unit

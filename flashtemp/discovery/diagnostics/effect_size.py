@@ -1,0 +1,63 @@
+"""How large an extension is: what it changes in kelvin after calibration, against errors of model and mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.comparison.compare import Pulling, Seeing
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.decision import EffectSize
+from flashtemp.discovery.nuisances import GROUPS
+from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.whitening import Data
+
+
+@dataclass(frozen=True)
+class LargestChange:
+    """The recording `file` of which an extension changes the largest fraction of the rise, and the `size` of that."""
+
+    file: str
+    size: EffectSize
+
+
+def largest_change(
+    data: Data, before: tuple[Seeing, ...], after: tuple[Seeing, ...], pulled: tuple[Pulling, ...],
+    pulled_after: tuple[Pulling, ...],
+) -> LargestChange:  # fmt: skip
+    """What an extended model changes against the base, both calibrated."""
+    changes = [_change(b, e) for b, e in zip(before, after, strict=True)]
+    file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
+    friction = max((_friction_change(b, e) for b, e in zip(pulled, pulled_after, strict=True)), default=0.0)
+    return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
+
+
+def _mesh_error(data: Data, file: str) -> float:
+    """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
+    one changes is the error, of which they left 1 to 4 % where it was measured (docs/discover.md, choices)."""
+    if (fixed := data.fixed.get(file)) is None:
+        return 0.0
+    columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
+    coarser = [float(np.sqrt(np.mean(data.kelvin(file, c) ** 2))) for c in columns]
+    return CRITERIA.mesh_error_left * GROUPS[Kind.MESH] * max(coarser, default=0.0)
+
+
+def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
+    """File, rms change (K) and its share of the rms rise of one recording."""
+    here = np.isfinite(base.residual) & np.isfinite(extended.residual)
+    r = base.view.recording
+    if not here.any():
+        return base.view.file, 0.0, 0.0
+    low = float(np.nanmin(base.predicted)) if r.reflected_degC is None else r.reflected_degC
+    changed = float(np.sqrt(np.mean((extended.predicted - base.predicted)[here] ** 2)))
+    return base.view.file, changed, changed / max(float(np.sqrt(np.mean((base.predicted - low)[here] ** 2))), 1e-9)
+
+
+def _friction_change(base: Pulling, extended: Pulling) -> float:
+    """rms change of one load-cell trace over its friction."""
+    here = np.isfinite(base.residual) & np.isfinite(extended.residual)
+    if not here.any():
+        return 0.0
+    changed = float(np.sqrt(np.mean((extended.predicted - base.predicted)[here] ** 2)))
+    return changed / max(float(np.sqrt(np.mean(base.predicted[here] ** 2))), 1e-9)

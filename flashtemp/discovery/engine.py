@@ -1,0 +1,356 @@
+"""From a campaign to a verdict: prepare, calibrate, select causes, judge.  Discovery starts here, in `discover`."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flashtemp.comparison.campaign import Campaign
+from flashtemp.discovery import experiment_design, missing_heat, wording
+from flashtemp.discovery.camera_sizes import camera_sizes
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.decision import Alternative, Decision, Evidence, decide
+from flashtemp.discovery.diagnostics import description
+from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, residual_structure_tests
+from flashtemp.discovery.diagnostics.cross_validation import (
+    CrossValidation,
+    cross_validate,
+    without_flexible_terms,
+)
+from flashtemp.discovery.diagnostics.effect_size import LargestChange, largest_change
+from flashtemp.discovery.diagnostics.setup_errors import SetupError, setup_errors
+from flashtemp.discovery.estimation.fitting import Hypothesis, Watch
+from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.first_residuals import reject_outliers
+from flashtemp.discovery.hypotheses.input_checks import InputCheck, InputVerdict, check_inputs, groups_of_inputs
+from flashtemp.discovery.hypotheses.input_columns import add_input_columns
+from flashtemp.discovery.hypotheses.stated_inputs import stated_inputs
+from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.prediction import Derivatives, Prediction, predict
+from flashtemp.discovery.problem import Problem, prepare
+from flashtemp.discovery.selection.forward_selection import Search, names_of, select, settle, with_candidates
+from flashtemp.discovery.selection.scores import separability
+from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Found, Held, InputResult, RuleResult, Verdict
+from flashtemp.discovery.whitening import Data
+from flashtemp.runs.workers import crew
+
+# cells of runs that show what the mesh gets wrong: along, up and down, and across in 3D
+COARSER = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
+COARSER_ACROSS = (1, 1, 1, 0.5)
+MAX_IN_MATRIX = 20  # candidates in the separability matrix
+
+
+@dataclass(frozen=True)
+class ModelAssessment:
+    """A fit, the same as people know the model, what each recording shows against it, and left-out data."""
+
+    fit: Fit
+    known: Fit
+    seeings: tuple[Any, ...]
+    pullings: tuple[Any, ...]
+    left_out: CrossValidation
+    metrics: Fitness
+
+
+def discover(
+    campaign: Campaign, watch: Watch = lambda text: None, workers: int | None = None, scheduler: str | None = None
+) -> tuple[Verdict, Search]:
+    """Everything: calibrate, select, judge.  Raises BadInput, SolverFailure."""
+    began, watch = time.monotonic(), _with_elapsed_time(watch)
+    with crew(predict, workers, scheduler) as run:
+        problem = replace(prepare(campaign, run), shared_setup=True)
+        problem, data, base = calibrate(problem, watch)
+        search = select(problem, data, base, watch)
+        watch("judging")
+        verdict = judge(search, watch)
+    return replace(verdict, seconds=time.monotonic() - began), search
+
+
+def calibrate(problem: Problem, watch: Watch) -> tuple[Problem, Data, Fit]:
+    """The stated model at its best point, with sensitivities of all candidates.  Raises BadInput, SolverFailure."""
+    watch("simulating the stated model")
+    wanted = replace(everything(problem), fields=True)
+    first = problem.predictions(problem.tasks(problem.start, wanted))
+    problem = reject_outliers(problem, first)
+    watch("simulating coarser meshes")
+    data = Data.begin(problem, first, coarser_predictions(problem))
+    tasks = problem.tasks(problem.start, wanted)
+    start = Linearisation(problem.start, tuple(tasks), tuple(first), System(data.blocks(first)))
+    watch("calibrating the stated model")
+    base = settle(Hypothesis(problem, data, problem.start), start, watch)
+    watch(f"sensitivities of {len(problem.tried)} candidates")
+    return problem, data, with_candidates(problem, data, base, problem.tried, watch)
+
+
+def coarser_predictions(problem: Problem) -> list[list[Prediction]]:
+    """Predictions of the stated model on coarser meshes, all tasks at once for all workers."""
+    cells = (*COARSER, COARSER_ACROSS) if problem.case["numerics.across"] > 1 else COARSER
+    tasks = [task for c in cells for task in problem.tasks(problem.start, Derivatives(), c)]
+    answers, count = problem.predictions(tasks), len(problem.conditions)
+    return [answers[k : k + count] for k in range(0, len(answers), count)]
+
+
+def _with_elapsed_time(watch: Watch) -> Callable[[str], Any]:
+    began = time.monotonic()
+    return lambda text: watch(f"{text} ({time.monotonic() - began:.0f} s)")
+
+
+# --- judging -------------------------------------------------------------------------------------------------
+def assess_model(search: Search, fit: Fit) -> ModelAssessment:
+    """Everything that is asked of the base model and of the extended one alike."""
+    known = without_flexible_terms(fit)
+    seeings, pullings = description.compare_all_recordings(search, known)
+    metrics = description.summary_metrics(known, seeings, cross_validate(search.data, known))
+    return ModelAssessment(fit, known, seeings, pullings, cross_validate(search.data, fit), metrics)
+
+
+def judge(search: Search, watch: Watch) -> Verdict:
+    """What a search amounts to."""
+    problem = search.problem
+    hint = None if names_of(search.best) else best_hint(search)
+    final = hint or search.best
+    base = assess_model(search, search.base)
+    extended = assess_model(search, final) if names_of(final) else base
+    setup = setup_errors(problem, search.data, final, CRITERIA)
+    change = None
+    if names_of(final):
+        change = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
+    inputs = question_inputs(search, final, watch)
+    evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
+    return describe(search, final, base, extended, change, setup, inputs, decide(evidence))
+
+
+def best_hint(search: Search) -> Fit | None:
+    """The best single effect where it is more than chance but less than accepted."""
+    single = [f for names, f in search.fits.items() if len(names) == 1 and f.usable]
+    best = max(single, key=lambda f: f.ln_evidence, default=None)
+    if best is None or best.ln_evidence - search.base.ln_evidence < CRITERIA.ln_bayes_hint:
+        return None
+    return best
+
+
+@dataclass(frozen=True)
+class Questioned:
+    """Every stated number against the data, and groups of keys that the data cannot tell from each other."""
+
+    checks: tuple[InputCheck, ...]
+    groups: tuple[tuple[str, ...], ...]
+
+    @property
+    def contradicted(self) -> tuple[InputCheck, ...]:
+        """Those that the data contradict, beyond doubt and chance, the most certain first."""
+        bad = [c for c in self.checks
+               if c.verdict is InputVerdict.CONTRADICTED and c.ln_bayes > CRITERIA.ln_bayes_hint]  # fmt: skip
+        return tuple(sorted(bad, key=lambda c: -c.ln_bayes))
+
+
+def question_inputs(search: Search, final: Fit, watch: Watch) -> Questioned:
+    """Every stated number of case and set-up against the data, at the final fit."""
+    problem = search.problem
+    inputs = stated_inputs(problem)
+    watch(f"questioning {len(inputs)} stated inputs")
+    bare = [replace(p, observables={k: replace(o, columns={}) for k, o in p.observables.items()})
+            for p in final.predictions]  # fmt: skip
+    shown = add_input_columns(problem, final.model, bare, inputs)
+    blocks = search.data.blocks(shown)
+    blocks = [b.joined(o, lambda p: p.kind is not Kind.EFFECT or p in final.effects)
+              for b, o in zip(blocks, final.blocks, strict=True)]  # fmt: skip
+    system = System(blocks)
+    equations = system.total(variances=final.hyper.variances)
+    checks = check_inputs(system, final.nuisances, equations, inputs)
+    groups = groups_of_inputs(system, final.nuisances, equations, inputs)
+    return Questioned(checks, tuple(tuple(i.key for i in g) for g in groups))
+
+
+def collect_evidence(
+    search: Search, final: Fit, base: ModelAssessment, extended: ModelAssessment, change: LargestChange | None,
+    setup: tuple[SetupError, ...], inputs: Questioned, is_hint: bool,
+) -> Evidence:  # fmt: skip
+    """All numbers that the verdict rests on."""
+    problem, names = search.problem, names_of(final)
+    free = {p: v for p, v in final.effects.items() if p not in final.bound}
+    beyond = final.at_largest(problem, free) - search.base.at_largest(problem, {}) if names else 0.0
+    gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
+    several = len(base.left_out.density) > 1 or base.left_out.is_held_out
+    strongest = inputs.contradicted[0] if inputs.contradicted else None
+    input_key = strongest.input.key if strongest and strongest.ln_bayes > CRITERIA.ln_bayes_named else ""
+    return Evidence(
+        is_converged=final.usable and search.base.status is not Status.FAILED,
+        base_certainly_misfits=search.base.chi2 > 2.0 * search.base.solution.count,
+        causes=tuple(sorted(names)),
+        is_hint=is_hint,
+        ln_bayes=final.ln_evidence - search.base.ln_evidence,
+        ln_bayes_discrepancy=beyond,
+        heldout_gain=gain if names and several else None,
+        size=change.size if change else None,
+        alternatives=_alternatives(search, final) if not is_hint else (),
+        unresolved=_unresolved(search, final),
+        adequacy=adequacy_tests(problem, final, CRITERIA),
+        setup_errors=tuple(e.name for e in setup if e.is_unusual(CRITERIA)),
+        contradicted_input=input_key,
+    )
+
+
+def _alternatives(search: Search, final: Fit) -> tuple[Alternative, ...]:
+    """Fits with as many effects of which one is another."""
+    own, out = names_of(final), []
+    for names, fit in search.fits.items():
+        if len(names) == len(own) and len(names - own) == 1:
+            out.append(Alternative(names, final.ln_evidence - fit.ln_evidence, fit.usable))
+    return tuple(sorted(out, key=lambda a: a.deficit))
+
+
+def _unresolved(search: Search, final: Fit) -> dict[str, float]:
+    """Effects that are asked for and were not judged: fits that did not end and yet explain more than the final one."""
+    out = {}
+    for names, fit in search.fits.items():
+        gain = fit.ln_evidence - final.ln_evidence
+        if not fit.usable and fit.status is not Status.OUTRUN and gain > CRITERIA.ln_bayes_distinct:
+            out[" with ".join(sorted(names))] = gain
+    for names in search.unfitted:
+        out[" with ".join(sorted(names))] = CRITERIA.ln_bayes_named
+    return out
+
+
+# --- the verdict for people -------------------------------------------------------------------------------------
+def describe(
+    search: Search, final: Fit, base: ModelAssessment, extended: ModelAssessment, change: LargestChange | None,
+    setup: tuple[SetupError, ...], inputs: Questioned, decision: Decision,
+) -> Verdict:  # fmt: skip
+    """The verdict with all that a report shows."""
+    problem, kind = search.problem, decision.kind
+    accepted = sorted(names_of(search.best))
+    shows_cause = bool(names_of(final)) and kind in ("named", "group", "weak", "unexplained", "learned")
+    if kind == "named" and not accepted:
+        shows_cause = False
+    gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
+    causes = (
+        tuple(description.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()
+    )
+    named_setup = [e for e in setup if e.is_unusual(CRITERIA) and kind not in ("no_verdict", "unexplained")]
+    separable = separability(search.base, problem.tried)
+    order = np.argsort(-separable.z)[:MAX_IN_MATRIX]
+    shown = extended if shows_cause else base
+    verdict = Verdict(
+        title=problem.campaign.title,
+        kind=kind,
+        says=(),
+        causes=(*map(_setup_cause, named_setup), *causes),
+        group=decision.group,
+        next_experiment=_next_experiment(search, decision.group),
+        base=base.metrics,
+        extended=extended.metrics if causes else None,
+        rivals=description.rejected_candidates(search, accepted),
+        nuisance=description.calibrated_parameters(search, final),
+        tests=(*residual_structure_tests(base.known, 1, "before"),
+               *(residual_structure_tests(extended.known, 2, "after") if causes else ())),
+        missing=missing_heat.missing(problem, search.base),  # type: ignore[arg-type]
+        separability=(tuple(separable.names[i] for i in order), separable.rho[np.ix_(order, order)]),
+        shifts=_parameter_shifts(search, base.known, final) if causes else (),
+        before=base.seeings,
+        after=shown.seeings,
+        pulled=(base.pullings, shown.pullings),
+        gates={t.name: (t.value, t.limit) for t in adequacy_tests(problem, final, CRITERIA)},
+        certificate=_certificate(search),
+        warnings=_warnings(search, final),
+        gain=_gain(change, base, extended) if causes else None,
+        not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
+        certain=tuple(c.effect for c in causes if c.effect not in decision.group) if kind == "group" else (),
+        laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA)),
+        held_key=_held_key(inputs) if kind == "held_key" else None,
+        rules=tuple(RuleResult(**asdict(r)) for r in decision.rules),
+        inputs=tuple(map(_input_result, inputs.checks)),
+        inputs_told_together=inputs.groups,
+    )  # fmt: skip
+    says = wording.says(verdict, problem.case.known)
+    return replace(verdict, says=(*says, *(c.words for c in inputs.contradicted[:3])))
+
+
+def _held_key(inputs: Questioned) -> Held | None:
+    """The stated input that explains what a cause would."""
+    if not inputs.contradicted:
+        return None
+    c = inputs.contradicted[0]
+    return Held(c.input.key, c.input.value, c.estimate, c.sd, c.input.unit, c.ln_bayes, False, c.words)
+
+
+def _setup_cause(e: SetupError) -> Cause:
+    sd = description.STDERR_INFLATION * e.stderr
+    where = e.parameter.file or e.parameter.name
+    ends = (e.value - 1.96 * sd, e.value + 1.96 * sd)
+    estimate = Estimate(f"{e.name}.{where}", e.value, sd, ends, e.unit)
+    words = e.words + (f" (or {'; or '.join(e.alternatives)})" if e.alternatives else "")
+    return Cause(e.name, words, (estimate,), e.pull**2, 0.0, 1.0, ln_bayes=e.ln_bayes, laboratory=True)
+
+
+def _found(e: SetupError) -> Found:
+    return Found(e.name, e.value, e.stderr, e.unit, e.pull, e.words)
+
+
+def _input_result(c: InputCheck) -> InputResult:
+    i = c.input
+    return InputResult(
+        i.key, i.words, i.value, i.unit, i.sd, i.relative, i.source, c.estimate, c.sd, c.pull, c.ln_bayes,
+        str(c.verdict), c.words,
+    )  # fmt: skip
+
+
+def _next_experiment(search: Search, group: tuple[str, ...]) -> str:
+    if not group:
+        return ""
+    fit = with_candidates(search.problem, search.data, search.best, search.problem.tried, lambda text: None)
+    return experiment_design.advise(search.problem, fit, group)  # type: ignore[arg-type]
+
+
+def _parameter_shifts(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, float, float], ...]:
+    out = []
+    for p in search.problem.free:
+        now = search.problem.case[p.name]
+        before, after = (now * math.exp(f.model.free[p.name] + f.solution[p]) for f in (base, final))
+        out.append((p.name, before, after, after * final.solution.sd(p)))
+    return tuple(out)
+
+
+def _certificate(search: Search) -> dict[str, Any]:
+    return {
+        "converged": search.best.usable,
+        "fits": {
+            " + ".join(sorted(names)) or "base": {
+                "status": f.status.value, "evaluations": f.evaluations, "promise": list(f.history),
+            }
+            for names, f in search.fits.items()
+        },
+    }  # fmt: skip
+
+
+def _gain(change: LargestChange | None, base: ModelAssessment, extended: ModelAssessment) -> dict[str, Any] | None:
+    if change is None:
+        return None
+    size = change.size
+    return {
+        "file": change.file, "changed_K": size.change_K, "share": size.rise_fraction,
+        "friction": size.friction_fraction, "numerics_K": size.mesh_error_K, "left_out_K": (base.left_out.rmse_K, extended.left_out.rmse_K),
+    }  # fmt: skip
+
+
+def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
+    problem = search.problem
+    out = [f"{file}: {found}" for file, found in problem.screening.items()]
+    out += [wording.taken(file, names) for file, names in problem.untold.items()]
+    out += camera_sizes(search.data, final)  # type: ignore[arg-type]
+    for label, variance in final.hyper.variances.items():
+        if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:
+            out.append(
+                f"{label}: the model leaves {math.sqrt(variance):.2g} times its noise; it counted for that much less"
+            )
+    if len(problem.conditions) == 1:
+        out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
+    return tuple(out)

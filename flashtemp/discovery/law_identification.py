@@ -1,0 +1,377 @@
+"""Identification of a law that no member of the catalogue has: which quantity depends on what, and how.
+
+Every pair of a quantity and a regressor is scored by the sensitivities of its nodes beside the calibrated base; the
+best pairs are fitted in full, and nodes are added between nodes while the evidence asks for them.  Whether the law
+predicts data that it did not see is judged from `heldout_excess` in `decision.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME, PiecewiseLinearLaw, candidate_laws
+from flashtemp.discovery.hypothesis import Candidate, candidates
+from flashtemp.discovery.linear_gaussian import Array, Solution, System
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction import Derivatives, Prediction
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.selection.forward_selection import Search, settle, with_candidates
+from flashtemp.discovery.selection.scores import scores, worth_another_look
+from flashtemp.discovery.verdict import LearnedLaw
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import SolverFailure
+
+# Prior standard deviation of a law at its nodes, in units of the typical size of its quantity; evidence chooses one.
+RELATIVE_WIDTHS = (0.1, 0.3, 1.0, 3.0)
+# ln Bayes factor that nodes between the nodes must gain: odds of 20 to 1, "strong" of Kass and Raftery (1995).
+LN_BAYES_REFINEMENT = 3.0
+# Laws simulated together: every node keeps a column of all data, and 30 columns take about as much memory as a base.
+MAX_BATCH_LAWS = 6
+# Points of a reported curve, and of the mean of a pressure factor over the block (error below 1e-4): plotting only.
+CURVE_POINTS, AVERAGING_POINTS = 41, 400
+BAND_STANDARD_ERRORS = 1.959964  # half width of a 95 % band of a normal distribution
+
+
+@dataclass(frozen=True)
+class ScoredLaw:
+    """A law by the sensitivities of its nodes: `ln_bayes` against the base at the best `relative_width` of its prior,
+    and the `values` at its nodes there; `fitted_ln_bayes` the same by a full fit, if there was one."""
+
+    law: PiecewiseLinearLaw
+    relative_width: float
+    ln_bayes: float
+    values: tuple[float, ...]
+    fitted_ln_bayes: float | None = None
+
+    @property
+    def prior_sd(self) -> float:
+        """Prior standard deviation of the value at a node."""
+        return self.relative_width * self.law.quantity.typical_size
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A law with the values of its full `fit`, in a `problem` whose case has its effect file."""
+
+    scored: ScoredLaw
+    problem: Problem
+    fit: Fit
+
+    @property
+    def law(self) -> PiecewiseLinearLaw:
+        return _with_fitted_values(self.scored.law, self.fit)
+
+
+@dataclass(frozen=True)
+class IdentifiedLaw:
+    """The law with the largest evidence: `law` with `values` at its nodes and their `covariance` (n, n).
+
+    `search` has the law's fit as its best one; `scored` holds all laws that were compared, best first.
+    """
+
+    law: PiecewiseLinearLaw
+    covariance: Array
+    search: Search
+    scored: tuple[ScoredLaw, ...]
+
+    @property
+    def ln_bayes(self) -> float:
+        """ln Bayes factor against the calibrated base, less ln of the number of laws that were compared."""
+        return self.search.best.ln_evidence - self.search.base.ln_evidence - price_of_choice(self.scored)
+
+    @property
+    def alternatives(self) -> dict[str, float]:
+        """{other law: its ln Bayes factor} of those that the data do not tell from this one.
+
+        Laws that were fitted in full are compared by their fits, others by their scores.
+        """
+        own = next(s for s in self.scored if s.law.name == self.law.name)
+        gain = self.search.best.ln_evidence - self.search.base.ln_evidence
+        out = {}
+        for other in self.scored:
+            found, best = (other.ln_bayes, own.ln_bayes)
+            if other.fitted_ln_bayes is not None:
+                found, best = other.fitted_ln_bayes, gain
+            if other is not own and found > best - CRITERIA.ln_bayes_distinct:
+                out[other.law.description] = found
+        return out
+
+    def to_report(self) -> LearnedLaw:
+        """The curve with its 95 % band, a formula where one fits, and the alternatives."""
+        law, formula = self.law, fit_simplest_formula(self.law, self.covariance)
+        at = np.linspace(*law.domain, CURVE_POINTS)
+        weights = law.hat_functions(at)
+        curve = weights @ np.array(law.values)
+        variance = np.einsum("ij,jk,ik->i", weights, self.covariance, weights)
+        half_width = BAND_STANDARD_ERRORS * np.sqrt(np.maximum(variance, 0.0))
+        low, high = law.quantity.lower_bound, law.quantity.upper_bound
+        return LearnedLaw(
+            quantity=law.quantity.name,
+            argument=law.regressor.name,
+            words=law.description,
+            unit=law.quantity.unit,
+            argument_unit=law.regressor.unit,
+            formula="" if formula is None else f"{formula.name}: {formula.text}, {variable_legend(law)}",
+            at=at,
+            curve=law.to_display(curve),
+            low=law.to_display(np.maximum(curve - half_width, low)),
+            high=law.to_display(np.minimum(curve + half_width, high)),
+            nodes=law.nodes,
+            beside=self.alternatives,
+        )
+
+
+def price_of_choice(laws: Sequence[object]) -> float:
+    """ln of the prior odds against any one of the laws that are compared."""
+    return float(np.log(len(laws)))
+
+
+def identify_law(search: Search, watch: Watch) -> IdentifiedLaw | None:
+    """The law that explains what the catalogue does not; None where no law is worth its choice among all of them.
+
+    A law must gain as much against the base as names a cause, and more than the best fit of the catalogue gains, ln of
+    the number of laws beyond that.  Raises SolverFailure.
+    """
+    laws = [] if EFFECT_NAME in search.problem.case.effects else list(laws_of(search))
+    if not laws:
+        return None
+    watch(f"looking for a law: {len(laws)} are scored")
+    scored = score_laws(search, laws)
+    fitted = _fit_laws(search, shortlist(scored), watch)
+    if not fitted:
+        return None
+    best = max(fitted, key=lambda f: f.fit.ln_evidence)
+    known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=search.base.ln_evidence)
+    least = max(CRITERIA.ln_bayes_named, known - search.base.ln_evidence) + price_of_choice(laws)
+    if best.fit.ln_evidence - search.base.ln_evidence < least:
+        return None
+    gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in fitted}
+    scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name)) for s in scored)
+    return _finalise(search, _refine_nodes(search, best, watch), scored, watch)
+
+
+def heldout_excess(search: Search) -> tuple[float, float]:
+    """chi2 less the number of data left out, as predicted by the base and by the best fit of a search.
+
+    Recordings marked held out, else every condition predicted from the others; what is unknown of the cameras of data
+    that were left out is fitted to these data.
+    """
+    before, after = (cross_validate(search.data, fit).excess for fit in (search.base, search.best))
+    return before, after
+
+
+def laws_of(search: Search) -> Iterator[PiecewiseLinearLaw]:
+    """All pairs of a quantity and a regressor that varies among the conditions that are fitted."""
+    problem, runs, scenes = search.problem, [], []
+    for condition, pins, prediction in zip(problem.conditions, problem.pins, search.base.predictions, strict=True):
+        if any(not entry.held_out for entry in condition.entries):
+            runs.append(prediction.run)
+            scenes.append(problem.case.with_values(condition.given | pins).scene)
+    return candidate_laws(runs, scenes)
+
+
+# --- scores -----------------------------------------------------------------------------------------------------
+def score_laws(search: Search, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
+    """All laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
+    out: list[ScoredLaw] = []
+    for first in range(0, len(laws), MAX_BATCH_LAWS):
+        batch = {law.name: law for law in laws[first : first + MAX_BATCH_LAWS]}
+        problem, _, found = _with_laws(search.problem, search.data, batch)
+        fit = _with_sensitivities(problem, search, tuple(found.values()))
+        plain = fit.solved(problem, _own_effects(fit), fit.equations).solution.ln_evidence
+        out += [_score_law(problem, fit, plain, batch[name], c) for name, c in found.items()]
+    return tuple(sorted(out, key=lambda s: -s.ln_bayes))
+
+
+def _score_law(problem: Problem, fit: Fit, plain: float, law: PiecewiseLinearLaw, c: Candidate) -> ScoredLaw:
+    """A law at that width of its prior which has the largest evidence."""
+    found = []
+    for width in RELATIVE_WIDTHS:
+        nodes, solution = _solve_within_bounds(problem, fit, law, c, width * law.quantity.typical_size)
+        gain = solution.ln_evidence - plain - np.log(len(RELATIVE_WIDTHS))
+        values = tuple(solution[p] if p in nodes else 0.0 for p in c.columns())
+        found.append(ScoredLaw(law, width, float(gain), values))
+    return max(found, key=lambda s: s.ln_bayes)
+
+
+def _solve_within_bounds(
+    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, c: Candidate, sd: float
+) -> tuple[list[ParameterId], Solution]:
+    """The linearised fit with those nodes of a law free whose values are possible; others stay off."""
+    low, high = law.quantity.lower_bound, law.quantity.upper_bound
+    nodes = [p for p in c.columns() if p in fit.system.index]
+    while True:
+        priors = {p: (0.0, sd) for p in nodes}
+        solution = fit.solved(problem, _own_effects(fit) | priors, fit.equations).solution
+        outside = [p for p in nodes if not low <= solution[p] <= high]
+        if not outside:
+            return nodes, solution
+        nodes.remove(max(outside, key=lambda p: abs(solution[p])))
+
+
+def shortlist(scored: Sequence[ScoredLaw]) -> list[ScoredLaw]:
+    """Laws that are fitted in full: worth their choice, and not far behind the best; best first."""
+    likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + price_of_choice(scored)]
+    if not likely:
+        return []
+    best = likely[0].ln_bayes
+    near = min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
+    return [s for s in likely if s.ln_bayes > near][: int(CRITERIA.shortlist)]
+
+
+# --- full fits --------------------------------------------------------------------------------------------------
+def _fit_laws(search: Search, likely: Sequence[ScoredLaw], watch: Watch) -> list[FittedLaw]:
+    """Laws at their best points, side by side, so that one which others outrun goes no further."""
+    if not likely:
+        return []
+    watch(f"fitting: {'; '.join(s.law.description for s in likely)}")
+    problems, fittings = {}, {}
+    for s in likely:
+        problem, data, candidate = _with_law(search, s)
+        parent = _with_sensitivities(problem, search, (candidate,))
+        problems[s.law.name] = problem
+        fittings[s.law.name] = fit_hypothesis(Hypothesis.extending(problem, data, parent, [candidate]))
+    found = run_fits(search.problem, fittings, watch)
+    return [FittedLaw(s, problems[s.law.name], found.fits[s.law.name]) for s in likely if s.law.name in found.fits]
+
+
+def _refine_nodes(search: Search, found: FittedLaw, watch: Watch) -> FittedLaw:
+    """A law with nodes between its nodes, while the evidence asks for them."""
+    while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
+        watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}")
+        try:
+            finer = _fit_refined(search, found, nodes, watch)
+        except SolverFailure:
+            break  # the coarser law is known already
+        if finer.fit.ln_evidence < found.fit.ln_evidence + LN_BAYES_REFINEMENT:
+            break
+        found = finer
+    return found
+
+
+def _fit_refined(search: Search, found: FittedLaw, nodes: tuple[float, ...], watch: Watch) -> FittedLaw:
+    """A law with more nodes, fitted from where it stands.  Raises SolverFailure.
+
+    The finer line is the coarser one at first, so that the point and all other derivatives are those of the last fit.
+    """
+    fit, law = found.fit, found.scored.law
+    stands = [fit.model.value(ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))]
+    values = law.hat_functions(np.array(nodes)) @ np.array(stands)
+    scored = replace(found.scored, law=replace(law, nodes=nodes, values=tuple(values.tolist())))
+    problem, data, candidate = _with_law(search, scored)
+    model = fit.model.with_effect(EFFECT_NAME, dict(zip(candidate.strengths, values.tolist(), strict=True)))
+    own = tuple(c for c in problem.tried if c.effect in model.effects)
+    tasks = problem.tasks(model, Derivatives(own=tuple(candidate.columns())))
+    predictions = problem.predictions(tasks)
+    system = _joined(data, predictions, fit, own)
+    first = Linearisation(model, tuple(tasks), tuple(predictions), system)
+    return FittedLaw(scored, problem, settle(Hypothesis(problem, data, model, own), first, watch))
+
+
+def _finalise(search: Search, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: Watch) -> IdentifiedLaw:
+    """The law with exact derivatives at its best point, and what of the catalogue may still matter beside it."""
+    problem, data = found.problem, replace(search.data, problem=found.problem)
+    before = search.ranking[0] if search.ranking else scores(search.problem, search.base, search.problem.tried)
+    more = worth_another_look(search.problem, search.base, found.fit, before)
+    watch(f"candidates beside {found.law.description}")
+    best = with_candidates(problem, data, found.fit, more, watch)
+    law = _with_fitted_values(found.scored.law, best)
+    own = tuple(law.as_effect() if o.name == EFFECT_NAME else o for o in problem.case.own)
+    problem = replace(problem, case=replace(problem.case, own=own))  # its file holds what was found
+    after = replace(
+        search, problem=problem, data=replace(data, problem=problem), best=best,
+        fits=search.fits | {frozenset(best.model.effects): best},
+        ranking=(before, scores(problem, best, problem.tried)),
+    )  # fmt: skip
+    return IdentifiedLaw(*_centre(law, node_covariance(best, len(law.nodes))), after, scored)
+
+
+def _with_fitted_values(law: PiecewiseLinearLaw, fit: Fit) -> PiecewiseLinearLaw:
+    """A law with the values that a fit gives its nodes, last linear step included."""
+    values = []
+    for k in range(len(law.nodes)):
+        p = ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}")
+        values.append(fit.model.value(p) + (fit.solution[p] if p in fit.solution.names else 0.0))
+    return replace(law, values=tuple(map(float, values)))
+
+
+def node_covariance(fit: Fit, count: int) -> Array:
+    """Covariance (count, count) of the values at the nodes of a law; 0 of one that lies on a bound."""
+    out = np.zeros((count, count))
+    at = {int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == EFFECT_NAME}
+    nodes, columns = list(at), list(at.values())
+    out[np.ix_(nodes, nodes)] = fit.solution.covariance[np.ix_(columns, columns)]
+    return out
+
+
+def _centre(law: PiecewiseLinearLaw, covariance: Array) -> tuple[PiecewiseLinearLaw, Array]:
+    """A law without what has no effect: only the shape of a pressure counts, for its mean follows from the load."""
+    if law.quantity.name != "pressure":
+        return law, covariance
+    low, high = law.domain
+    step = (high - low) / AVERAGING_POINTS
+    weights = law.hat_functions(low + step * (np.arange(AVERAGING_POINTS, dtype=float) + 0.5))
+    factor = np.exp(weights @ np.array(law.values))
+    mean_ln = factor @ weights / factor.sum()  # derivative of ln of the mean factor by every node
+    centre = np.eye(len(mean_ln)) - mean_ln
+    values = np.array(law.values) - np.log(factor.mean())
+    return replace(law, values=tuple(map(float, values))), centre @ covariance @ centre.T
+
+
+# --- problems and fits that know a law --------------------------------------------------------------------------
+def _with_laws(
+    problem: Problem, data: Data, laws: dict[str, PiecewiseLinearLaw]
+) -> tuple[Problem, Data, dict[str, Candidate]]:
+    """The problem with laws as further candidates, by the names of their effect files."""
+    own = tuple(law.as_effect(name) for name, law in laws.items())
+    case = replace(problem.case, own=(*(o for o in problem.case.own if o.name not in laws), *own))
+    found = {c.effect: c for c in candidates(case, tuple(laws))[0]}
+    tried = (*(c for c in problem.tried if c.effect not in laws), *found.values())
+    wider = replace(problem, case=case, tried=tried)
+    return wider, replace(data, problem=wider), found
+
+
+def _with_law(search: Search, scored: ScoredLaw) -> tuple[Problem, Data, Candidate]:
+    """The problem with one law under the name that a verdict uses, its prior as wide as its score wants it."""
+    law = replace(scored.law, values=(scored.prior_sd,) * len(scored.law.nodes))
+    problem, data, found = _with_laws(search.problem, search.data, {EFFECT_NAME: law})
+    return problem, data, found[EFFECT_NAME]
+
+
+def _with_sensitivities(problem: Problem, search: Search, laws: tuple[Candidate, ...]) -> Fit:
+    """The calibrated base with sensitivities of laws in place of those of the catalogue.  Raises SolverFailure."""
+    fit, data = search.base, replace(search.data, problem=problem)
+    own = tuple(c for c in problem.tried if c.effect in fit.model.effects)
+    predictions = problem.predictions(problem.tasks(fit.model, Derivatives(candidates=laws)))
+    return replace(fit, system=_joined(data, predictions, fit, own))
+
+
+def _joined(data: Data, predictions: Sequence[Prediction], fit: Fit, own: Sequence[Candidate]) -> System:
+    """Columns of predictions at the point of a fit, and those that the fit has of all else but other candidates.
+
+    Residuals are those of the fit: what is compared differs in nothing else.
+    """
+    effects = {c.effect for c in own}
+
+    def borrowed(p: ParameterId) -> bool:
+        return p.kind is not Kind.INPUT and (p.kind is not Kind.EFFECT or p.effect in effects)
+
+    blocks = [
+        replace(new.joined(old, borrowed), r=old.r)
+        for new, old in zip(data.blocks(predictions), fit.blocks, strict=True)
+    ]
+    return System(blocks)
+
+
+def _own_effects(fit: Fit) -> dict[ParameterId, tuple[float, float]]:
+    """Priors of the parameters of effects that a fit holds, but for those on a bound."""
+    return {p: v for p, v in fit.effects.items() if p not in fit.bound}

@@ -1,0 +1,131 @@
+"""Images that lie far from where they are stated to lie, registered with the predicted picture before any fit.
+
+A pixel that crosses the edge of the block changes by kelvins, so Gauss-Newton steps do not lead back from an image that
+was turned by two degrees about its far corner.  The predicted mean picture, moved and turned as a whole, does.  A
+registered position is a second starting point of the same fit; it is taken where the evidence of the recording alone
+is clearly larger there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.placement import AS_TOLD, Place, corner, pivot
+from flashtemp.camera.recording import Recording
+from flashtemp.discovery.hypothesis import PRIORS, Model
+from flashtemp.discovery.nuisances import GROUPS, astray
+from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.prediction import Observable
+from flashtemp.discovery.problem import Problem
+
+Array = npt.NDArray[np.float64]
+# Factor by which unknown friction may change all rises: three standard deviations of its prior
+RISE_FACTOR = float(np.exp(3.0 * PRIORS["friction.mu"]))
+START_TURNS = (0.0, -2.0, 2.0)  # starting points, in standard deviations of a usual turn
+REACH_PX = 1.0  # displacement that Gauss-Newton steps follow: the contrast at an edge bends over a pixel
+
+
+@dataclass(frozen=True)
+class ImagePose:
+    """Where an image lies: its `place` (scale, turn) and its `shift` (px along u and v)."""
+
+    place: Place = AS_TOLD
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    def apply_to(self, model: Model, file: str) -> Model:
+        """The model with the image of a recording in this pose."""
+        return replace(model, places=model.places | {file: self.place}, shifts=model.shifts | {file: self.shift})
+
+
+STATED_POSE = ImagePose()
+
+
+def with_poses(problem: Problem, poses: dict[str, ImagePose]) -> Problem:
+    """The problem with images that begin in other poses, by file."""
+    places = {file: pose.place for file, pose in poses.items()}
+    shifts = {file: pose.shift for file, pose in poses.items()}
+    return replace(problem, places=problem.places | places, shifts=problem.shifts | shifts)
+
+
+def register_image(problem: Problem, recording: Recording, predicted: Observable) -> ImagePose | None:
+    """The pose in which the predicted mean picture fits a side wall best.
+
+    None where the image shows no edge to register by, or lies so near that the alignment of every fit finds it.
+    """
+    from scipy.optimize import least_squares
+
+    if (
+        recording.view != "sidewall"
+        or not recording.registration_sigma_px
+        or min(len(recording.u), len(recording.v)) < 2
+    ):
+        return None
+    picture = _MeanPicture(problem, recording, predicted)
+    if picture.measured.size < 4:
+        return None
+    ends = [least_squares(picture.residuals, [0.0, 0.0, 0.0, turn]) for turn in START_TURNS]
+    best = min(ends, key=lambda end: float(end.cost)).x
+    return picture.pose(best) if picture.largest_displacement(best) > REACH_PX else None
+
+
+class _MeanPicture:
+    """Mean measured rise (pixels,) K and the mean predicted one as displaced pixels see it.
+
+    `z` (4,) holds a shift along u and v in px, and a scale and a turn in their prior standard deviations.
+    """
+
+    def __init__(self, problem: Problem, recording: Recording, predicted: Observable):
+        from scipy.ndimage import spline_filter
+
+        ambient = problem.case["ambient.temperature"]
+        difference = recording.temperature - predicted.values
+        known = predicted.inside & np.isfinite(difference).any(axis=0)
+        mean = np.nan_to_num(predicted.values.mean(axis=0) - ambient)
+        self.recording = recording
+        # differences are averaged, so that frames without a value for a pixel do not count for it
+        self.measured: Array = mean[known] + np.nanmean(difference[:, known], axis=0)
+        self.predicted = spline_filter(mean, mode="nearest")
+        self.u, self.v = (a[known] for a in np.meshgrid(recording.u, recording.v))
+        length = problem.case["block.length"]
+        self.pivot, self.corner = pivot(recording, length), corner(recording, length)
+        self.noise = max(float(np.sqrt(np.mean(self.difference(np.zeros(4)) ** 2))) if known.any() else 0.0, 1e-12)
+
+    def pose(self, z: Array) -> ImagePose:
+        scale, turn = GROUPS[Kind.SCALE] * z[2], GROUPS[Kind.TURN] * z[3]
+        return ImagePose(Place(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
+
+    def positions(self, z: Array, u: Array, v: Array) -> tuple[Array, Array]:
+        """Where pixels at stated u and v (m) really lie, as `observe` places them."""
+        pose, pitch = self.pose(z), self.recording.pitch
+        grown = 1.0 + pose.place.scale
+        x = self.corner + (u + pose.shift[0] * pitch[0] - self.corner) * grown - self.pivot[0]
+        y = (v + pose.shift[1] * pitch[1]) * grown - self.pivot[1]
+        cos, sin = np.cos(pose.place.turn), np.sin(pose.place.turn)
+        return self.pivot[0] + x * cos - y * sin, self.pivot[1] + y * cos + x * sin
+
+    def largest_displacement(self, z: Array) -> float:
+        """How far the corners of the image are from where they are stated to be, px."""
+        r = self.recording
+        u, v = (a.ravel() for a in np.meshgrid(r.u[[0, -1]], r.v[[0, -1]]))
+        x, y = self.positions(z, u, v)
+        return float(np.max(np.hypot((x - u) / r.pitch[0], (y - v) / r.pitch[1])))
+
+    def difference(self, z: Array) -> Array:
+        """Measured less predicted (pixels,) K, with all rises multiplied by what unknown friction may explain."""
+        from scipy.ndimage import map_coordinates
+
+        x, y = self.positions(z, self.u, self.v)
+        centres = (y, self.recording.v), (x, self.recording.u)
+        pixels = [np.interp(at, c, np.arange(len(c))) for at, c in centres]
+        rise = map_coordinates(self.predicted, pixels, order=3, mode="nearest", prefilter=False)
+        factor = np.clip(self.measured @ rise / max(float(rise @ rise), 1e-300), 1.0 / RISE_FACTOR, RISE_FACTOR)
+        return np.asarray(self.measured - factor * rise)
+
+    def residuals(self, z: Array) -> Array:
+        """Differences in units of those in the stated pose (Birge's ratio), and pulls of the pose's priors."""
+        pose = self.pose(z)
+        pulls = [s / astray(self.recording, pose.place, axis) for axis, s in enumerate(pose.shift)]
+        return np.concatenate([self.difference(z) / self.noise, pulls, z[2:]])

@@ -1,0 +1,58 @@
+"""Side walls that lie far from where they are stated to lie, registered before the first fit.
+
+A registered pose is another starting point of the same fit.  It replaces the stated one only where the recording by
+itself is not adequate there and its evidence is clearly larger: an image turned by a degree may hide a pressure tilt,
+which the free pressure shapes of every fit explain as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image, with_poses
+from flashtemp.discovery.measurement_errors.recording_fit import (
+    RecordingHypothesis,
+    fit_from_pose,
+    halves_excess,
+    required_ln_bayes,
+)
+from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.prediction import Prediction, Task
+from flashtemp.discovery.problem import Problem
+from flashtemp.errors import FlashtempError
+
+
+def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Problem:
+    """The problem with those images in another starting pose whose recordings clearly ask for it.
+
+    `predictions`: at the start of the problem, with all nuisances and with fields.  They have to be made anew where the
+    problem that comes back is not the one given.
+    """
+    poses = {}
+    tasks = problem.tasks(problem.start, replace(everything(problem), fields=True))
+    for number, (condition, prediction) in enumerate(zip(problem.conditions, predictions, strict=True)):
+        for view in condition.views:
+            hypothesis = RecordingHypothesis(view, number)
+            if (pose := _registered_pose(problem, tasks[number], prediction, hypothesis)) is not None:
+                poses[view.file] = pose
+    return with_poses(problem, poses) if poses else problem
+
+
+def _registered_pose(
+    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis
+) -> ImagePose | None:
+    """The pose of an image that is registered elsewhere, if the evidence is clear; None where it stays."""
+    pose = register_image(problem, hypothesis.view.recording, prediction.observables[hypothesis.file])
+    if pose is None:
+        return None
+    stated = fit_from_pose(problem, task, prediction, hypothesis, STATED_POSE)
+    if stated.is_adequate:
+        return None
+    try:
+        registered = fit_from_pose(problem, task, prediction, hypothesis, pose)
+    except FlashtempError:  # a pose in which the image shows nothing of the block
+        return None
+    gain = registered.ln_evidence - stated.ln_evidence
+    is_clear = gain > required_ln_bayes(1) and halves_excess([stated], [registered])
+    return registered.pose if is_clear else None

@@ -1,0 +1,454 @@
+"""Recordings that are not what they are stated to be: mirrored, turned over, exchanged, of another condition, copies.
+
+One rule decides all of them.  Every hypothesis about a recording is fitted with all freedom of a calibration, free
+pressure shapes included, so that a missing effect explains what it can under each.  A hypothesis is accepted where its
+ln Bayes factor against the stated recording is very strong, prior odds of a handling error and the number of
+hypotheses allowed for, and where it leaves at most half of the excess misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.campaign import View
+from flashtemp.comparison.compare import check
+from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, ImagePose, with_poses
+from flashtemp.discovery.measurement_errors.recording_fit import (
+    MIN_COMMON_FRACTION,
+    RecordingFit,
+    RecordingHypothesis,
+    common_data,
+    fit_recording,
+    halves_excess,
+    has_same_moments,
+    joint_ln_evidence,
+    predict_otherwise,
+    required_ln_bayes,
+    resampled_images,
+)
+from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.prediction import Observable, Prediction, Task
+from flashtemp.discovery.problem import Problem, _pins
+from flashtemp.errors import FlashtempError
+from flashtemp.model.scene import Scene
+
+# A hypothesis is fitted only if the plain picture speaks less than so much against it: cost, no criterion.  A missing
+# effect may make the picture of a recording as it is this much worse than one that is turned over.
+SCREENING_RATIO = 2.0
+
+
+class ErrorKind(StrEnum):
+    """What was handled wrongly."""
+
+    MIRRORED = "mirrored"
+    UPSIDE_DOWN = "upside_down"
+    ROTATED = "rotated_180"
+    OTHER_CONDITION = "other_condition"
+    EXCHANGED = "exchanged"
+    OTHER_VIEW = "other_view"
+    DUPLICATE = "duplicate"
+
+
+FLIPS = {ErrorKind.MIRRORED: (2,), ErrorKind.UPSIDE_DOWN: (1,), ErrorKind.ROTATED: (1, 2)}
+FLIP_WORDS = {
+    ErrorKind.MIRRORED: "is mirrored: its leading and trailing end are exchanged",
+    ErrorKind.UPSIDE_DOWN: "is upside down",
+    ErrorKind.ROTATED: "is turned by 180 degrees",
+}
+
+
+@dataclass(frozen=True)
+class HypothesisEvidence:
+    """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
+    what the best calibration of the recordings alone leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
+
+    ln_bayes: float
+    chi2_stated: float = np.nan
+    chi2_corrected: float = np.nan
+
+
+IMPOSSIBLE = HypothesisEvidence(np.inf)
+
+
+@dataclass(frozen=True)
+class RecordingError:
+    """One handling error: `files` concerned, `words` for people, and the `evidence` against them as stated.
+
+    `corrected` {file: (condition number, view put right)}; `left_out` files; `poses` where images of corrected
+    recordings lie.
+    """
+
+    kind: ErrorKind
+    files: tuple[str, ...]
+    words: str
+    evidence: HypothesisEvidence
+    corrected: dict[str, tuple[int, View]] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+    poses: dict[str, ImagePose] = field(default_factory=dict)
+
+
+# --- what cannot be as stated: before anything is simulated ------------------------------------------------------
+def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
+    """Recordings whose frames cannot belong to the schedule of their condition, and do to that of another one.
+
+    Of several conditions that are possible the one is taken whose own recording of the same view cannot stay there
+    either; where that leaves a choice, none is taken.
+    """
+    scenes = _scenes(problem)
+    lost = [(n, v) for n, c in enumerate(problem.conditions) for v in c.views if not is_possible(v, scenes[n])]
+    homes = {v.file: [n for n, scene in enumerate(scenes) if is_possible(v, scene)] for _, v in lost}
+    out: list[RecordingError] = []
+    for number, view in lost:
+        partners = [(n, v) for n, v in lost if _is_alike(v, view) and n in homes[view.file] and number in homes[v.file]]
+        if len(partners) == 1:
+            [(other, their)] = partners
+            if not any(view.file in e.files for e in out):
+                out.append(_exchange((view, other), (their, number), IMPOSSIBLE))
+        elif not partners and len(homes[view.file]) == 1:
+            out.append(_move(problem, view, homes[view.file][0], IMPOSSIBLE))
+    return tuple(out)
+
+
+def _scenes(problem: Problem) -> list[Scene]:
+    """The scene of every condition."""
+    pairs = zip(problem.conditions, problem.pins, strict=True)
+    return [problem.case.with_values(c.given | pins).scene for c, pins in pairs]
+
+
+# --- what the evidence speaks against ----------------------------------------------------------------------------
+def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -> tuple[RecordingError, ...]:
+    """All recordings that are clearly something else than stated, the clearest error first.
+
+    `predictions`: at the start of the problem, with all nuisances and with fields (`replace(everything(problem),
+    fields=True)`).  Nothing is simulated again unless a recording is not adequate as stated and may belong to a
+    condition with frames at other times.
+    """
+    search = _Search(problem, tuple(predictions))
+    found = [*_duplicates(search), *_turned_over(search), *_other_views(search), *_elsewhere(search)]
+    out: list[RecordingError] = []
+    for error in sorted(found, key=lambda e: -e.evidence.ln_bayes):
+        if not any(set(error.files) & set(other.files) for other in out):
+            out.append(error)
+    return tuple(out)
+
+
+def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Problem:
+    """The problem with recordings put right: under their conditions, images turned back, copies left out.
+
+    Conditions keep their order; those of which nothing is left are dropped.
+    """
+    moved = {file: place for e in errors for file, place in e.corrected.items()}
+    gone = {file for e in errors for file in e.left_out}
+    conditions, pins = [], []
+    for number, (c, own) in enumerate(zip(problem.conditions, problem.pins, strict=True)):
+        stay = [moved.get(v.file, (number, v)) for v in c.views if v.file not in gone]
+        come = [place for file, place in moved.items() if all(v.file != file for v in c.views)]
+        views = tuple(replace(v, given=c.given) for n, v in (*stay, *come) if n == number)
+        new = replace(c, views=views)
+        if new.entries:
+            conditions.append(new)
+            pins.append(own if views == c.views else _pins(problem.campaign, new, list(problem.tried)))
+    right = {v.file: v for c in conditions for v in c.views}
+    views = tuple(right[v.file] for v in problem.campaign.views if v.file in right)
+    poses = {file: pose for e in errors for file, pose in e.poses.items()}
+    corrected = replace(
+        problem, conditions=tuple(conditions), pins=tuple(pins), campaign=replace(problem.campaign, views=views)
+    )
+    return with_poses(corrected, poses)
+
+
+# --- fits of single recordings, each made once -------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Entry:
+    """A recording where it is stated to belong: condition `number` and what is predicted of it there."""
+
+    number: int
+    view: View
+    predicted: Observable
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The stated problem with its predictions, and fits of recordings under hypotheses."""
+
+    problem: Problem
+    predictions: tuple[Prediction, ...]
+
+    @cached_property
+    def tasks(self) -> list[Task]:
+        return self.problem.tasks(self.problem.start, replace(everything(self.problem), fields=True))
+
+    @cached_property
+    def entries(self) -> tuple[_Entry, ...]:
+        pairs = enumerate(zip(self.problem.conditions, self.predictions, strict=True))
+        return tuple(_Entry(n, v, made.observables[v.file]) for n, (c, made) in pairs for v in c.views)
+
+    @cached_property
+    def scenes(self) -> list[Scene]:
+        return _scenes(self.problem)
+
+    @cached_property
+    def _stated(self) -> dict[str, RecordingFit]:
+        return {}
+
+    def stated(self, e: _Entry) -> RecordingFit:
+        """The fit of a recording as stated."""
+        if e.view.file not in self._stated:
+            hypothesis = RecordingHypothesis(e.view, e.number)
+            found = fit_recording(self.problem, self.tasks[e.number], self.predictions[e.number], hypothesis)
+            self._stated[e.view.file] = found
+        return self._stated[e.view.file]
+
+    def otherwise(self, e: _Entry, hypothesis: RecordingHypothesis, source: View) -> RecordingFit | None:
+        """The fit of a recording under a hypothesis, from fields and sensitivities of `source`; None if none is."""
+        n = hypothesis.condition
+        try:
+            hypothesis, made = predict_otherwise(self.problem, self.tasks[n], self.predictions[n], source, hypothesis)
+            return fit_recording(self.problem, self.tasks[n], made, hypothesis, self.stated(e).noise)
+        except FlashtempError:  # under this hypothesis nothing of it would be seen
+            return None
+
+    def picture_misfit(self, view: View, predicted: np.ndarray) -> float:
+        """What predicted images (frames, nv, nu) leave of a recording, times what friction may explain: rms, K."""
+        ambient = self.problem.case["ambient.temperature"]
+        measured, rise = view.recording.temperature - ambient, predicted - ambient
+        known = np.isfinite(measured) & np.isfinite(rise)
+        if not known.any():
+            return float("inf")
+        own, rise = measured[known], rise[known]
+        factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / RISE_FACTOR, RISE_FACTOR)
+        return float(np.sqrt(np.mean((own - factor * rise) ** 2)))
+
+    def stated_misfit(self, e: _Entry) -> float:
+        return self.picture_misfit(e.view, np.where(e.predicted.inside, e.predicted.values, np.nan))
+
+    def hypotheses_about(self, e: _Entry) -> int:
+        """Number of hypotheses about a recording."""
+        return len(_possible_flips(e.view)) + len(self.problem.conditions) - 1
+
+    def judged(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> HypothesisEvidence | None:
+        """Evidence of hypotheses about recordings together against these as stated; None if it is not clear."""
+        pairs = [common_data(self.stated(a), fit) for a, fit in zip(e, fits, strict=True)]
+        both = [pair for pair in pairs if pair is not None]
+        if len(both) < len(pairs):
+            return None
+        stated, other = [pair[0] for pair in both], [pair[1] for pair in both]
+        gain = joint_ln_evidence(self.problem, other) - joint_ln_evidence(self.problem, stated)
+        if gain < required_ln_bayes(self.hypotheses_about(e[0])) or not halves_excess(stated, other):
+            return None
+        return HypothesisEvidence(gain, _chi2_per_datum(stated), _chi2_per_datum(other))
+
+
+def _chi2_per_datum(fits: Sequence[RecordingFit]) -> float:
+    count = sum(f.block.count for f in fits)
+    return sum(f.chi2_per_datum * f.block.count for f in fits) / max(count, 1)
+
+
+# --- copies ------------------------------------------------------------------------------------------------------
+def _duplicates(search: _Search) -> Iterator[RecordingError]:
+    """Recordings that hold the values of another one: noise does not repeat.  The one that fits worse is left out."""
+    entries = search.entries
+    for k, second in enumerate(entries):
+        first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
+        if first is None:
+            continue
+        chi2 = {e.view.file: search.stated(e).chi2_per_datum for e in (first, second)}
+        wrong, right = (first, second) if chi2[first.view.file] > chi2[second.view.file] else (second, first)
+        files = wrong.view.file, right.view.file
+        words = f"{files[0]} holds the same values as {files[1]}"
+        evidence = HypothesisEvidence(np.inf, chi2[files[0]], chi2[files[1]])
+        yield RecordingError(ErrorKind.DUPLICATE, files[:1], words, evidence, left_out=files[:1])
+
+
+def _has_same_values(a: View, b: View) -> bool:
+    """Whether all values that two recordings both know are equal, and vary."""
+    first, second = a.recording.temperature, b.recording.temperature
+    if first.shape != second.shape:
+        return False
+    known = np.isfinite(first) & np.isfinite(second)
+    is_enough = np.count_nonzero(known) >= MIN_COMMON_FRACTION * np.count_nonzero(
+        np.isfinite(first) | np.isfinite(second)
+    )
+    return bool(
+        known.any() and is_enough and np.array_equal(first[known], second[known]) and np.ptp(first[known]) > 0.0
+    )
+
+
+# --- images that are turned over ---------------------------------------------------------------------------------
+def _possible_flips(view: View) -> list[ErrorKind]:
+    """Ways in which the images of a recording may be turned over; wakes are alike up and down."""
+    r = view.recording
+    if r.places is not None or len(r.u) < 2:
+        return []
+    has_rows = r.view == "sidewall" and len(r.v) > 1
+    return [ErrorKind.MIRRORED, *((ErrorKind.UPSIDE_DOWN, ErrorKind.ROTATED) if has_rows else ())]
+
+
+def _turned_over(search: _Search) -> Iterator[RecordingError]:
+    for e in search.entries:
+        stated = search.stated_misfit(e)
+        found = [error for kind in _possible_flips(e.view) if (error := _flip_error(search, e, kind, stated))]
+        yield from sorted(found, key=lambda error: -error.evidence.ln_bayes)[:1]
+
+
+def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, stated_misfit: float) -> RecordingError | None:
+    """The error that a recording is turned over, if it clearly is."""
+    length = search.problem.case["block.length"]
+    views = [replace(e.view, recording=r) for r in flipped_recordings(e.view.recording, FLIPS[kind], length)]
+    misfits = [search.picture_misfit(v, resampled_images(e.predicted, e.view, v)) for v in views]
+    best = int(np.argmin(misfits))
+    if not misfits[best] < SCREENING_RATIO * stated_misfit:
+        return None
+    hypothesis = RecordingHypothesis(views[best], e.number, FLIPS[kind])
+    fit = search.otherwise(e, hypothesis, e.view)
+    found = fit and search.judged([e], [fit])
+    if not fit or not found:
+        return None
+    file = e.view.file
+    return RecordingError(
+        kind, (file,), f"{file} {FLIP_WORDS[kind]}", found, {file: (e.number, views[best])}, poses={file: fit.pose}
+    )
+
+
+def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
+    """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
+
+    Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
+    ends, as where they were marked in the images as they are.
+    """
+    flipped = replace(r, temperature=np.ascontiguousarray(np.flip(r.temperature, axes)))
+    if 2 not in axes:
+        return [flipped]
+    in_place = replace(flipped, u=np.ascontiguousarray((r.u[0] + r.u[-1] - r.u)[::-1]))
+    if r.view == "wake":
+        return [in_place]
+    return [in_place, replace(flipped, u=np.ascontiguousarray((length - r.u)[::-1]))]
+
+
+# --- recordings of another condition -----------------------------------------------------------------------------
+def _elsewhere(search: _Search) -> Iterator[RecordingError]:
+    """Recordings that belong to another condition, and pairs of them that are exchanged."""
+    for e in search.entries:
+        host = _likeliest_host(search, e)
+        visit = None if host is None else _visiting_fit(search, e, host)
+        if host is None or visit is None:
+            continue
+        back = _visiting_fit(search, host, e)
+        if back is not None and (found := search.judged([e, host], [visit, back])):
+            yield _exchange((e.view, host.number), (host.view, e.number), found)
+        if found := search.judged([e], [visit]):
+            yield _move(search.problem, e.view, host.number, found)
+
+
+def _likeliest_host(search: _Search, e: _Entry) -> _Entry | None:
+    """The recording of another condition whose predicted picture is nearest to this one, nearer than its own."""
+    others = [o for o in search.entries if o.number != e.number and _is_alike(e.view, o.view)]
+    found = [(search.picture_misfit(e.view, resampled_images(o.predicted, o.view, e.view)), o) for o in others]
+    best = min(found, key=lambda pair: pair[0], default=None)
+    return best[1] if best and best[0] < search.stated_misfit(e) else None
+
+
+def _is_alike(a: View, b: View) -> bool:
+    """Whether two recordings are of one view, and points of the same places."""
+    first, second = a.recording, b.recording
+    if first.view != second.view:
+        return False
+    if first.places is None or second.places is None:
+        return True
+    a_places, b_places = (np.stack([p.x, p.y, p.z]) for p in (first.places, second.places))
+    return np.array_equal(a_places, b_places)
+
+
+def _visiting_fit(search: _Search, e: _Entry, host: _Entry) -> RecordingFit | None:
+    """The fit of a recording under the condition of another one; None where it cannot belong there.
+
+    Where their frames are of other moments the condition is simulated again, for recordings alone that are not
+    adequate as stated.
+    """
+    if not is_possible(e.view, search.scenes[host.number]):
+        return None
+    hypothesis = RecordingHypothesis(e.view, host.number)
+    if has_same_moments(e.view, host.view):
+        return search.otherwise(e, hypothesis, host.view)
+    if search.stated(e).is_adequate:
+        return None
+    task = replace(search.tasks[host.number], views=(e.view,), forces=())
+    [made] = search.problem.run([task])
+    if isinstance(made, FlashtempError):
+        return None
+    try:
+        return fit_recording(search.problem, task, made, hypothesis, search.stated(e).noise)
+    except FlashtempError:
+        return None
+
+
+def is_possible(view: View, scene: Scene) -> bool:
+    """Whether the frames of a recording can belong to the schedule of a scene."""
+    try:
+        check(view, scene)
+    except FlashtempError:
+        return False
+    return True
+
+
+def _other_views(search: _Search) -> Iterator[RecordingError]:
+    """Pairs of recordings of one condition whose images bear the view and the pixels of each other."""
+    for k, a in enumerate(search.entries):
+        for b in search.entries[k + 1 :]:
+            shapes = a.view.recording.temperature.shape, b.view.recording.temperature.shape
+            views = {a.view.recording.view, b.view.recording.view}
+            if a.number != b.number or len(views) < 2 or "points" in views or shapes[0] != shapes[1]:
+                continue
+            if not has_same_moments(a.view, b.view):
+                continue
+            if error := _view_error(search, a, b):
+                yield error
+
+
+def _view_error(search: _Search, a: _Entry, b: _Entry) -> RecordingError | None:
+    """The error that two recordings bear the view of each other, if they clearly do."""
+    pairs = (a, b), (b, a)
+    views = [replace(e.view, recording=with_images(o.view.recording, e.view.recording)) for e, o in pairs]
+    before = [search.stated_misfit(e) for e in (a, b)]
+    after = [search.picture_misfit(v, o.predicted.values) for v, (_, o) in zip(views, pairs, strict=True)]
+    if not sum(x**2 for x in after) < sum(x**2 for x in before):
+        return None
+    fits = []
+    for view, (e, other) in zip(views, pairs, strict=True):
+        made = replace(search.predictions[e.number], observables={view.file: other.predicted})
+        hypothesis = RecordingHypothesis(view, e.number)
+        try:
+            fits.append(fit_recording(search.problem, search.tasks[e.number], made, hypothesis, search.stated(e).noise))
+        except FlashtempError:
+            return None
+    found = search.judged([a, b], fits)
+    if not found:
+        return None
+    files = a.view.file, b.view.file
+    words = f"{files[0]} and {files[1]} bear the view of each other: {files[0]} is a {views[0].recording.view}"
+    right = {v.file: (a.number, v) for v in views}
+    return RecordingError(ErrorKind.OTHER_VIEW, files, words, found, right)
+
+
+def with_images(pixels: Recording, images: Recording) -> Recording:
+    """The images of one recording on the pixels of another, as the view of that."""
+    return replace(images, view=pixels.view, u=pixels.u, v=pixels.v)
+
+
+def _move(problem: Problem, view: View, to: int, evidence: HypothesisEvidence) -> RecordingError:
+    words = f"{view.file} belongs to another condition: {problem.conditions[to].words}"
+    return RecordingError(ErrorKind.OTHER_CONDITION, (view.file,), words, evidence, {view.file: (to, view)})
+
+
+def _exchange(first: tuple[View, int], second: tuple[View, int], evidence: HypothesisEvidence) -> RecordingError:
+    """Two recordings, each with the condition that it belongs to."""
+    (a, to), (b, back) = first, second
+    words = f"{a.file} and {b.file} are exchanged: each belongs to the condition of the other"
+    right = {a.file: (to, a), b.file: (back, b)}
+    return RecordingError(ErrorKind.EXCHANGED, (a.file, b.file), words, evidence, right)

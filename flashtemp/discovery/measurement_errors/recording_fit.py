@@ -1,0 +1,283 @@
+"""One recording by itself under one hypothesis of what it shows: its ln evidence with all freedom of a calibration.
+
+Free keys, friction of each repetition, free pressure shapes, errors of the camera and the pose of the image may all
+move, and the variance of the noise is what the residual asks for, at least the stated one (Birge's ratio).  A
+hypothesis that misfits by chi2 over n data therefore costs n/2 ln(chi2/n), whatever the model itself lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.campaign import View
+from flashtemp.comparison.noise import Noise
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.estimation.hyperparameters import Estimated, estimate
+from flashtemp.discovery.estimation.image_alignment import Linearisation, align_images
+from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.linear_gaussian import Block, System, products
+from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
+from flashtemp.discovery.parameters import ALL, ParameterId
+from flashtemp.discovery.prediction import Observable, Prediction, Single, Task, observe_again, packed
+from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.whitening import Data
+from flashtemp.errors import BadInput, FlashtempError
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
+MIN_COMMON_FRACTION = 0.5  # of the stated data that a hypothesis must predict too, to be compared at all
+LN_ODDS_HANDLING_ERROR = float(np.log(100.0))  # prior: one recording of a hundred is handled wrongly
+TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
+
+
+@dataclass(frozen=True)
+class RecordingHypothesis:
+    """What a recording may show: `view` with its images put right, under the condition of number `condition`.
+
+    `flipped`: axes of its images (1 up, 2 along) whose order is reversed against the file.
+    """
+
+    view: View
+    condition: int
+    flipped: tuple[int, ...] = ()
+
+    @property
+    def file(self) -> str:
+        return self.view.file
+
+    def in_file_order(self, images: Mask) -> Mask:
+        """Images (frames, nv, nu) with their pixels in the order of the file."""
+        return np.flip(images, self.flipped) if self.flipped else images
+
+
+@dataclass(frozen=True)
+class RecordingFit:
+    """A recording fitted by itself: whitened `block` at the best `model` of its images, and what was `estimated`.
+
+    `problem` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
+    """
+
+    hypothesis: RecordingHypothesis
+    problem: Problem
+    model: Model
+    block: Block
+    known: Mask
+    estimated: Estimated
+    noise: Noise
+
+    @property
+    def ln_evidence(self) -> float:
+        return self.estimated.solution.ln_evidence
+
+    @property
+    def chi2_per_datum(self) -> float:
+        """Sum of squares that the best calibration leaves over the number of data, in stated variances."""
+        return float(System([self.block]).left(self.estimated.solution)[0]) / max(self.block.count, 1)
+
+    @property
+    def pose(self) -> ImagePose:
+        return ImagePose(self.model.place(self.hypothesis.file), self.model.shift(self.hypothesis.file))
+
+    @property
+    def is_adequate(self) -> bool:
+        """Whether what is left may be noise of the stated size, as well as that is known."""
+        tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(self.block.count, 1))
+        return bool(self.chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
+
+    def restricted_to(self, common: Mask) -> RecordingFit:
+        """The same with those data alone that are `common` (frames, nv, nu), in the order of the file."""
+        keep = self.hypothesis.in_file_order(common)[self.known]
+        if keep.all():
+            return self
+        F = self.block.F[keep]
+        block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=products([F])[0])
+        return replace(self, block=block, estimated=estimate(self.problem, System([block]), self.model, {}))
+
+    @property
+    def known_in_file(self) -> Mask:
+        return self.hypothesis.in_file_order(self.known)
+
+
+def fit_recording(
+    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis,
+    noise: Noise | None = None,
+) -> RecordingFit:  # fmt: skip
+    """The best of fits from the stated pose and, where that is not adequate, from the registered one.
+
+    `prediction` holds the recording as it would be seen, with its fields.  Raises BadInput, SolverFailure.
+    """
+    stated = fit_from_pose(problem, task, prediction, hypothesis, STATED_POSE, noise)
+    if stated.is_adequate:
+        return stated
+    pose = register_image(problem, hypothesis.view.recording, prediction.observables[hypothesis.file])
+    if pose is None:
+        return stated
+    try:
+        registered = fit_from_pose(problem, task, prediction, hypothesis, pose, noise)
+    except FlashtempError:  # a pose in which the image shows nothing of the block
+        return stated
+    return max(stated, registered, key=lambda fit: fit.ln_evidence)
+
+
+def fit_from_pose(
+    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis, pose: ImagePose,
+    noise: Noise | None = None,
+) -> RecordingFit:  # fmt: skip
+    """One recording by itself, its image aligned from a pose.  Raises BadInput, SolverFailure."""
+    view, alone = hypothesis.view, single_recording_problem(problem, hypothesis)
+    model, observable, task = alone.start, prediction.observables[view.file], replace(task, views=(view,), forces=())
+    if pose != STATED_POSE:
+        assert prediction.full is not None
+        model = pose.apply_to(model, view.file)
+        moved = observe_again(task, prediction.full, view, model)
+        observable = replace(moved, columns=observable.columns | moved.columns)
+    shown = replace(prediction, observables={view.file: observable})
+    data = Data.begin(alone, [shown], noises=None if noise is None else {view.file: noise})
+    block = replace(data.blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
+    at = Linearisation(model, (task,), (shown,), System([block]))
+    estimated = estimate(alone, at.system, model, {})
+    if prediction.full is not None and view.recording.places is None:
+        at = align_images(alone, data, at, estimated.hyper, frozenset())
+        estimated = estimate(alone, at.system, at.model, {})
+    known = np.zeros(observable.values.shape, bool)
+    known[:, observable.inside] = data.known[view.file]
+    return RecordingFit(hypothesis, alone, at.model, at.system.blocks[0], known, estimated, data.noises[view.file])
+
+
+def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) -> Problem:
+    """The problem of one recording alone, under the condition of a hypothesis."""
+    view, number = hypothesis.view, hypothesis.condition
+    condition = replace(problem.conditions[number], views=(view,), forces=())
+    return replace(
+        problem, conditions=(condition,), pins=(problem.pins[number],),
+        campaign=replace(problem.campaign, views=(view,), forces=()),
+    )  # fmt: skip
+
+
+# --- comparisons on the same data -----------------------------------------------------------------------------
+def required_ln_bayes(hypotheses: int) -> float:
+    """ln Bayes factor from which one of so many hypotheses about a recording is accepted against the stated one.
+
+    Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
+    """
+    return CRITERIA.ln_bayes_distinct + LN_ODDS_HANDLING_ERROR + float(np.log(max(hypotheses, 1)))
+
+
+def halves_excess(stated: Sequence[RecordingFit], other: Sequence[RecordingFit]) -> bool:
+    """Whether a hypothesis leaves at most half of the excess chi2 of recordings, or none.
+
+    Misfit of a model that lacks something is smooth, and its evidence is overstated by the number of pixels: a
+    hypothesis that misfits nearly as much is no better, whatever the evidence.
+    """
+    before, after = (sum(max(f.chi2_per_datum - 1.0, 0.0) * f.block.count for f in fits) for fits in (stated, other))
+    return after <= CRITERIA.law_excess_left * before
+
+
+def common_data(stated: RecordingFit, other: RecordingFit) -> tuple[RecordingFit, RecordingFit] | None:
+    """Both fits of one recording with the data alone that both predict; None where these are too few."""
+    common = stated.known_in_file & other.known_in_file
+    if np.count_nonzero(common) < MIN_COMMON_FRACTION * max(np.count_nonzero(stated.known), 1):
+        return None
+    return stated.restricted_to(common), other.restricted_to(common)
+
+
+def joint_ln_evidence(problem: Problem, fits: Sequence[RecordingFit]) -> float:
+    """ln evidence of several recordings together: they share the free keys and all that belongs to the case."""
+    if len(fits) == 1:
+        return fits[0].ln_evidence
+    views = tuple(fit.hypothesis.view for fit in fits)
+    together = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
+    model = together.start
+    for fit in fits:
+        model = fit.pose.apply_to(model, fit.hypothesis.file)
+    blocks = [_numbered(fit.block, fit.hypothesis.condition) for fit in fits]
+    return estimate(together, System(blocks), model, {}).solution.ln_evidence
+
+
+def _numbered(block: Block, condition: int) -> Block:
+    """A block of a problem of one condition, numbered as in the whole one."""
+    names = tuple((n if n.condition == ALL else replace(n, condition=condition), k) for n, k in block.names)
+    return replace(block, condition=condition, names=names)
+
+
+# --- predictions of a recording that is seen otherwise -----------------------------------------------------------
+def predict_otherwise(
+    problem: Problem, task: Task, prediction: Prediction, source: View, hypothesis: RecordingHypothesis
+) -> tuple[RecordingHypothesis, Prediction]:
+    """A recording predicted from fields that exist, with its pixels left out where sensitivities are not known.
+
+    Its images are predicted exactly; sensitivities to the physics are interpolated from those of `source`, a recording
+    of the same condition, view and moments.  Raises BadInput, SolverFailure.
+    """
+    assert prediction.full is not None
+    view = hypothesis.view
+    seen = observe_again(replace(task, views=(view,), forces=()), prediction.full, view, problem.start)
+    columns: dict[ParameterId, Single] = {}
+    valid = seen.inside.copy()
+    for p, values in _interpolated_columns(prediction.observables[source.file], source.recording, view.recording):
+        if p not in seen.columns:
+            columns[p] = values
+            valid &= np.isfinite(values).all(axis=0)
+    if not valid.any():
+        raise BadInput(f"{view.file}: nothing of it would be seen")
+    masked = np.where(valid, view.recording.temperature, np.nan)
+    view = replace(view, recording=replace(view.recording, temperature=masked))
+    own = {p: packed(np.nan_to_num(values), seen.inside) for p, values in columns.items()}
+    observable = replace(seen, columns=seen.columns | own)
+    return replace(hypothesis, view=view), replace(prediction, observables={view.file: observable})
+
+
+def _interpolated_columns(
+    observable: Observable, source: Recording, wanted: Recording
+) -> Iterator[tuple[ParameterId, Single]]:
+    """Sensitivities as images (frames, nv, nu) on the pixels of another recording, NaN beyond those of the source."""
+    weights = [_linear_weights(getattr(source, axis), getattr(wanted, axis)) for axis in ("v", "u")]
+    images = np.full(observable.values.shape, np.nan, np.float32)
+    for p, values in observable.columns.items():
+        images[:, observable.inside] = values
+        yield p, _interpolated(_interpolated(images, weights[0], 1), weights[1], 2)
+
+
+def resampled_images(observable: Observable, source: View, wanted: View) -> Array:
+    """Predicted images (frames, nv, nu) at the moments and pixels of another recording, NaN where not predicted.
+
+    Linear between frames and pixels: good enough to see which pictures are alike.
+    """
+    a, b = source.recording, wanted.recording
+    images = np.where(observable.inside, observable.values, np.nan).astype(np.float32)
+    if not has_same_moments(source, wanted):
+        at = np.clip(b.time, a.time[0], a.time[-1])
+        images = _interpolated(images, _linear_weights(a.time, at), 0)
+    images = _interpolated(images, _linear_weights(a.v, b.v), 1)
+    return np.asarray(_interpolated(images, _linear_weights(a.u, b.u), 2), float)
+
+
+def _linear_weights(centres: Array, at: Array) -> Weights:
+    """Lower and upper index (n,) of the centres around each position, and weight of the upper; NaN outside."""
+    position = np.interp(at, centres, np.arange(len(centres)), left=np.nan, right=np.nan)
+    near = np.rint(np.nan_to_num(position))
+    position = np.where(np.abs(position - near) < 1e-6, near, position)
+    low = np.floor(np.nan_to_num(position)).astype(int)
+    high = np.minimum(low + (position > low), len(centres) - 1)
+    return low, high, (position - low).astype(np.float32)
+
+
+def _interpolated(images: Single, weights: Weights, axis: int) -> Single:
+    low, high, share = weights
+    share = share.reshape([-1 if k == axis else 1 for k in range(images.ndim)])
+    lower = images.take(low, axis)
+    return np.asarray(lower + share * (images.take(high, axis) - lower), np.float32)
+
+
+def has_same_moments(first: View, second: View) -> bool:
+    """Whether two recordings show the same moments, frame by frame."""
+    a, b = first.recording, second.recording
+    if len(a.time) != len(b.time) or first.means != second.means:
+        return False
+    return bool(np.allclose(a.time, b.time, rtol=0.0, atol=TIME_TOLERANCE * max(float(a.time[-1]), 1e-12)))

@@ -25,6 +25,7 @@ from flashtemp.solver.run import Run
 
 MARGIN = 3.0  # pixels of road simulated beyond the last one seen
 ROUNDED = 1e-4  # of the schedule: times in tables are rounded
+CLOCK_S = 0.2  # s: how far the clocks of a camera and of a schedule may be apart; discovery estimates it
 LATE = 0.1  # s that the clock of a load cell may run beyond the end: what comes then is left out
 SURE = 4.0  # standard errors of a correlation that white noise does not reach
 
@@ -251,14 +252,14 @@ def moments(views, scene: Scene, late: Mapping[str, float] = MappingProxyType({}
 def check(view: View, scene: Scene) -> None:
     """BadInput unless the frames of a recording belong to the schedule of its condition."""
     schedule, time = scene.schedule, view.recording.time
-    late = np.flatnonzero(time > schedule.end * (1 + ROUNDED))
+    late = np.flatnonzero(time > schedule.end * (1 + ROUNDED) + CLOCK_S)
     if len(late):
         raise BadInput(
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
             f"at {schedule.end:g} s; mend schedule.* in with, or the times of the recording"
         )
     observation.check(view.recording, scene, view.file)
-    near = ROUNDED * schedule.end
+    near = ROUNDED * schedule.end + CLOCK_S
     for t, said in zip(time, view.recording.repetition, strict=True):
         possible = [schedule.phase(at).repetition for at in (t - near, t + near)]
         if said not in possible:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation, gaussian_filter
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
 from flashtemp.camera.image_screening import shutter_events, temporal_noise
@@ -25,7 +26,7 @@ GROWING = 2  # order of maps that a warming lens makes grow with time
 MOST_MODES = 16  # of the offset between shutter events
 ALIKE = 0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
 HALOS = (0.05, 0.2)  # fractions of an image over which light goes astray
-SMEAR_PX = 1.0  # along which a moving body is drawn out, where nobody states it
+UNFOLLOWED = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
 FAMILIES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
     Kind.OFFSET: (0.0, 0.3, 1.0, 3.0),
     Kind.STATIC: (0.0, 0.3, 1.0, 3.0),
@@ -36,10 +37,13 @@ NONE: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 0.0)
 USUAL: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 1.0)
 
 
-def camera_columns(r: Recording, seen: Observable, left: Array) -> dict[ParameterId, Single]:
+def camera_columns(
+    r: Recording, seen: Observable, left: Array, speed: Array | None = None
+) -> dict[ParameterId, Single]:
     """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
 
-    `left` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show.
+    `left` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show; `speed` (frames,) m/s is
+    that of sliding.
     """
     if r.places is not None:
         return {}
@@ -57,7 +61,7 @@ def camera_columns(r: Recording, seen: Observable, left: Array) -> dict[Paramete
             if m + n <= GROWING:
                 out[ParameterId(Kind.STATIC, (m, n, 1))] = packed(ramp * flat, seen.inside)
             out[ParameterId(Kind.MAP, (m, n, 1))] = packed(rise * shape, seen.inside)
-    for k, change in enumerate(_optical(r, seen.values, sizes)):
+    for k, change in enumerate((*_smeared(r, seen, sizes, speed), *_stray_light(seen.values, sizes))):
         out[ParameterId(Kind.OPTICS, (k,))] = packed(change, seen.inside)
     return out
 
@@ -123,18 +127,34 @@ def _legendre(centres: Array, order: int) -> Array:
 
 
 # --- what moves and scatters light ------------------------------------------------------------------------
-def _optical(r: Recording, values: Array, sizes: CameraErrors) -> Iterator[Array]:
-    """Changes (frames, nv, nu) K by a smear along u, to second order of its length, and by stray light.
+def _smeared(r: Recording, seen: Observable, sizes: CameraErrors, speed: Array | None) -> Iterator[Array]:
+    """Changes (frames, nv, nu) K where a part of the motion is not followed, either way along u.
 
-    A pixel that follows with a time constant draws a moving body out by an exponential, T - l T' + l^2 T''; a fraction
-    of the light is spread over a wide part of the image (veiling glare, ISO 9358).
+    A pixel that answers with a time constant shows the mean of what it saw, weighed by exp(-age / constant): a body
+    that moves through the image is drawn out over speed times constant, and what lies beyond its edge is drawn in.
     """
-    from scipy.ndimage import gaussian_filter
+    if speed is None or len(r.u) < 3 or not np.any(speed):
+        return
+    body = binary_dilation(seen.inside.any(axis=0), iterations=2)  # pixels near an edge are compared by nobody
+    scene = np.where(body, seen.values, _reflected(r, seen.values)) if r.view == "sidewall" else seen.values
+    for part in UNFOLLOWED:
+        length = part * np.abs(speed) * sizes.smear_s / r.pitch[0]
+        for way in (1, -1):
+            yield _drawn_out(scene[:, :, ::way], length)[:, :, ::way] - scene
 
-    if len(r.u) > 2:
-        slope = np.gradient(values, axis=2)
-        yield SMEAR_PX * slope
-        yield SMEAR_PX**2 * np.gradient(slope, axis=2)
+
+def _drawn_out(images: Array, length: Array) -> Array:
+    """Images (frames, nv, nu) after a one-sided exponential filter along u of a `length` (frames,) px of each frame."""
+    kept = np.exp(-1.0 / np.maximum(length, 1e-3))[:, None]
+    out = np.empty_like(images)
+    out[..., 0] = images[..., 0]
+    for i in range(1, images.shape[2]):
+        out[..., i] = kept * out[..., i - 1] + (1.0 - kept) * images[..., i]
+    return out
+
+
+def _stray_light(values: Array, sizes: CameraErrors) -> Iterator[Array]:
+    """Changes (frames, nv, nu) K by light that is spread over a wide part of the image (veiling glare, ISO 9358)."""
     for width in HALOS:
         wide = [width * max(values.shape[1:])] * 2
         yield sizes.halo * (gaussian_filter(values, (0.0, *wide), mode="nearest") - values)

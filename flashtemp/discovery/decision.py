@@ -54,7 +54,8 @@ class Evidence:
     the calibrated base and `ln_bayes_discrepancy`, the same where the model's own error is as large as it may be;
     `heldout_gain` in ln probability of left-out data (None where there are none).  `alternatives` of the same number of
     effects; `unresolved` {effects: ln Bayes factor} that scores speak for and no full fit judged, or whose fits did not
-    end and yet explain more.  `setup_errors`, `recording_errors` and the `contradicted_input` by name.  Of a learned
+    end and yet explain more.  `setup_errors`, `recording_errors` and the `contradicted_input` by name, with `setup_alternatives` that explain as much
+    as the first of them.  Of a learned
     law the fraction of the excess misfit of left-out data that it leaves.
     """
 
@@ -72,6 +73,7 @@ class Evidence:
     setup_errors: tuple[str, ...] = ()
     recording_errors: tuple[str, ...] = ()
     contradicted_input: str = ""
+    setup_alternatives: tuple[str, ...] = ()
     learned_law: str = ""
     law_excess_left: float | None = None
 
@@ -137,7 +139,7 @@ def decide(e: Evidence, criteria: Criteria = CRITERIA) -> Decision:
         return Decision("no_verdict", tuple(rules))
     found_otherwise = _without_cause(e)
     if not e.causes:
-        return Decision(found_otherwise, tuple(rules))
+        return _decide_setup(e, found_otherwise, rules)
     rules += _rules_of_a_cause(e, criteria)
     if e.is_hint or not all(r.passed for r in rules):
         small = e.size is not None and _largest(e.size) < criteria.hint_fraction
@@ -159,6 +161,15 @@ def _judge_law(e: Evidence, criteria: Criteria, rules: list[Rule]) -> str:
     )  # fmt: skip
     sound = e.is_converged and all(t.passed for t in e.adequacy)
     return "learned" if predicts and sound else "unexplained"
+
+
+def _decide_setup(e: Evidence, kind: str, rules: list[Rule]) -> Decision:
+    """The verdict where no effect is missing: errors of set-up or inputs that share an effect are told together."""
+    first = (*e.setup_errors, *filter(None, (e.contradicted_input,)))[:1]
+    others = tuple(name for name in e.setup_alternatives if name not in first)
+    if kind in ("named", "held_key") and first and others and not e.recording_errors:
+        return Decision("group", tuple(rules), (*first, *others))
+    return Decision(kind, tuple(rules))
 
 
 def _without_cause(e: Evidence) -> str:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from flashtemp.discovery.diagnostics.cross_validation import (
     without_flexible_terms,
 )
 from flashtemp.discovery.diagnostics.effect_size import LargestChange, largest_change
+from flashtemp.discovery.diagnostics.extended_case import write_extended_case
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, setup_errors
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch
 from flashtemp.discovery.estimation.image_alignment import Linearisation
@@ -31,7 +33,15 @@ from flashtemp.discovery.first_residuals import reject_outliers
 from flashtemp.discovery.hypotheses.input_checks import InputCheck, InputVerdict, check_inputs, groups_of_inputs
 from flashtemp.discovery.hypotheses.input_columns import add_input_columns
 from flashtemp.discovery.hypotheses.stated_inputs import stated_inputs
+from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, identify_law
 from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.measurement_errors.initial_registration import register_images
+from flashtemp.discovery.measurement_errors.recording_errors import (
+    RecordingError,
+    correct_recordings,
+    find_recording_errors,
+    find_schedule_errors,
+)
 from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction import Derivatives, Prediction, predict
@@ -40,11 +50,14 @@ from flashtemp.discovery.selection.forward_selection import Search, names_of, se
 from flashtemp.discovery.selection.scores import separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Found, Held, InputResult, RuleResult, Verdict
 from flashtemp.discovery.whitening import Data
+from flashtemp.errors import SolverFailure
 from flashtemp.runs.workers import crew
 
 # cells of runs that show what the mesh gets wrong: along, up and down, and across in 3D
 COARSER = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
 COARSER_ACROSS = (1, 1, 1, 0.5)
+# fraction of all work that is done when a stage begins, as a rule, by the first word of what is said of it
+STAGE_BEGINS = {"calibrating": 0.3, "sensitivities": 0.4, "fitting": 0.55, "judging": 0.85, "questioning": 0.9}
 MAX_IN_MATRIX = 20  # candidates in the separability matrix
 
 
@@ -64,30 +77,66 @@ def discover(
     campaign: Campaign, watch: Watch = lambda text: None, workers: int | None = None, scheduler: str | None = None
 ) -> tuple[Verdict, Search]:
     """Everything: calibrate, select, judge.  Raises BadInput, SolverFailure."""
-    began, watch = time.monotonic(), _with_elapsed_time(watch)
+    began, watch = time.monotonic(), _with_time_left(watch)
     with crew(predict, workers, scheduler) as run:
         problem = replace(prepare(campaign, run), shared_setup=True)
-        problem, data, base = calibrate(problem, watch)
-        search = select(problem, data, base, watch)
+        problem, errors, first = correct(problem, watch)
+        problem, data, base = calibrate(problem, first, watch)
+        search = replace(select(problem, data, base, watch), recording_errors=errors)
         watch("judging")
         verdict = judge(search, watch)
+        if verdict.kind == "unexplained":
+            verdict, search = with_law(verdict, search, watch)
     return replace(verdict, seconds=time.monotonic() - began), search
 
 
-def calibrate(problem: Problem, watch: Watch) -> tuple[Problem, Data, Fit]:
-    """The stated model at its best point, with sensitivities of all candidates.  Raises BadInput, SolverFailure."""
+def correct(problem: Problem, watch: Watch) -> tuple[Problem, tuple[RecordingError, ...], list[Prediction]]:
+    """Recordings that are not what they are stated to be corrected, images that lie far off registered; and predictions
+    of the stated model with all nuisances.  Raises BadInput, SolverFailure."""
+    impossible = find_schedule_errors(problem)
+    problem = correct_recordings(problem, impossible) if impossible else problem
     watch("simulating the stated model")
-    wanted = replace(everything(problem), fields=True)
-    first = problem.predictions(problem.tasks(problem.start, wanted))
+    first = _first_predictions(problem)
+    found = find_recording_errors(problem, first)
+    if found:
+        problem = correct_recordings(problem, found)
+        first = _first_predictions(problem)
+    registered = register_images(problem, first)
+    if registered is not problem:
+        problem, first = registered, _first_predictions(registered)
+    return problem, (*impossible, *found), first
+
+
+def _first_predictions(problem: Problem) -> list[Prediction]:
+    return problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+
+
+def calibrate(problem: Problem, first: list[Prediction], watch: Watch) -> tuple[Problem, Data, Fit]:
+    """The stated model at its best point, with sensitivities of all candidates.  Raises BadInput, SolverFailure."""
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
     data = Data.begin(problem, first, coarser_predictions(problem))
-    tasks = problem.tasks(problem.start, wanted)
+    tasks = problem.tasks(problem.start, replace(everything(problem), fields=True))
     start = Linearisation(problem.start, tuple(tasks), tuple(first), System(data.blocks(first)))
     watch("calibrating the stated model")
     base = settle(Hypothesis(problem, data, problem.start), start, watch)
     watch(f"sensitivities of {len(problem.tried)} candidates")
     return problem, data, with_candidates(problem, data, base, problem.tried, watch)
+
+
+def with_law(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
+    """The verdict on a law outside the catalogue, if one explains what no effect does and predicts; else the verdict as
+    it was, with the law as a hint."""
+    try:
+        found = identify_law(search, watch)
+    except SolverFailure:  # a law that cannot be followed is none; what is known already is not lost
+        return verdict, search
+    if found is None:
+        return verdict, search
+    judged = judge(found.search, watch, found)
+    if judged.kind != "learned":
+        return replace(verdict, law=found.to_report()), search
+    return replace(judged, law=found.to_report()), found.search
 
 
 def coarser_predictions(problem: Problem) -> list[list[Prediction]]:
@@ -98,9 +147,26 @@ def coarser_predictions(problem: Problem) -> list[list[Prediction]]:
     return [answers[k : k + count] for k in range(0, len(answers), count)]
 
 
-def _with_elapsed_time(watch: Watch) -> Callable[[str], Any]:
-    began = time.monotonic()
-    return lambda text: watch(f"{text} ({time.monotonic() - began:.0f} s)")
+def _with_time_left(watch: Watch) -> Callable[[str], Any]:
+    """The same with the time gone and, once everything was simulated, an estimate of the time left."""
+    began, done = time.monotonic(), 0.0
+
+    def say(text: str) -> None:
+        nonlocal done
+        gone = time.monotonic() - began
+        stage = STAGE_BEGINS.get(text.split()[0], 0.0)
+        if stage:  # a stage that comes again takes half of what was left
+            done = stage if stage > done else 0.5 * (1.0 + done)
+        left = gone * (1.0 / done - 1.0) if done else 0.0
+        watch(f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if done else ''})")
+
+    return say
+
+
+def write_extended(search: Search, verdict: Verdict, folder: Path) -> None:
+    """extended.toml of the accepted causes, or of the best hint."""
+    final = search.best if names_of(search.best) else best_hint(search) or search.best
+    write_extended_case(search.problem, final, verdict, folder)
 
 
 # --- judging -------------------------------------------------------------------------------------------------
@@ -112,27 +178,31 @@ def assess_model(search: Search, fit: Fit) -> ModelAssessment:
     return ModelAssessment(fit, known, seeings, pullings, cross_validate(search.data, fit), metrics)
 
 
-def judge(search: Search, watch: Watch) -> Verdict:
-    """What a search amounts to."""
+def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Verdict:
+    """What a search amounts to; of a search that ends with a `law`, whether that is learned."""
     problem = search.problem
     hint = None if names_of(search.best) else best_hint(search)
     final = hint or search.best
     base = assess_model(search, search.base)
     extended = assess_model(search, final) if names_of(final) else base
-    setup = setup_errors(problem, search.data, final, CRITERIA)
     change = None
     if names_of(final):
         change = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
     inputs = question_inputs(search, final, watch)
+    setup = setup_errors(problem, search.data, final, inputs.system, [c.input for c in inputs.checks], CRITERIA)
     evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
+    if law is not None:
+        before, after = heldout_excess(search)
+        left = max(after, 0.0) / max(before, 1e-300) if before > 0.0 else 1.0
+        evidence = replace(evidence, learned_law=law.law.description, law_excess_left=left)
     return describe(search, final, base, extended, change, setup, inputs, decide(evidence))
 
 
 def best_hint(search: Search) -> Fit | None:
     """The best single effect where it is more than chance but less than accepted."""
     single = [f for names, f in search.fits.items() if len(names) == 1 and f.usable]
-    best = max(single, key=lambda f: f.ln_evidence, default=None)
-    if best is None or best.ln_evidence - search.base.ln_evidence < CRITERIA.ln_bayes_hint:
+    best = max(single, key=lambda f: f.secured, default=None)
+    if best is None or best.secured - search.base.secured < CRITERIA.ln_bayes_hint:
         return None
     return best
 
@@ -143,6 +213,7 @@ class Questioned:
 
     checks: tuple[InputCheck, ...]
     groups: tuple[tuple[str, ...], ...]
+    system: System
 
     @property
     def contradicted(self) -> tuple[InputCheck, ...]:
@@ -167,7 +238,7 @@ def question_inputs(search: Search, final: Fit, watch: Watch) -> Questioned:
     equations = system.total(variances=final.hyper.variances)
     checks = check_inputs(system, final.nuisances, equations, inputs)
     groups = groups_of_inputs(system, final.nuisances, equations, inputs)
-    return Questioned(checks, tuple(tuple(i.key for i in g) for g in groups))
+    return Questioned(checks, tuple(tuple(i.key for i in g) for g in groups), system)
 
 
 def collect_evidence(
@@ -180,22 +251,23 @@ def collect_evidence(
     beyond = final.at_largest(problem, free) - search.base.at_largest(problem, {}) if names else 0.0
     gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
     several = len(base.left_out.density) > 1 or base.left_out.is_held_out
-    strongest = inputs.contradicted[0] if inputs.contradicted else None
-    input_key = strongest.input.key if strongest and strongest.ln_bayes > CRITERIA.ln_bayes_named else ""
+    unusual = [e for e in setup if e.is_unusual(CRITERIA)]
     return Evidence(
         is_converged=final.usable and search.base.status is not Status.FAILED,
         base_certainly_misfits=search.base.chi2 > 2.0 * search.base.solution.count,
         causes=tuple(sorted(names)),
         is_hint=is_hint,
-        ln_bayes=final.ln_evidence - search.base.ln_evidence,
+        ln_bayes=final.secured - search.base.secured,
         ln_bayes_discrepancy=beyond,
         heldout_gain=gain if names and several else None,
         size=change.size if change else None,
         alternatives=_alternatives(search, final) if not is_hint else (),
         unresolved=_unresolved(search, final),
         adequacy=adequacy_tests(problem, final, CRITERIA),
-        setup_errors=tuple(e.name for e in setup if e.is_unusual(CRITERIA)),
-        contradicted_input=input_key,
+        setup_errors=tuple(e.name for e in unusual if not e.is_input),
+        recording_errors=tuple(str(e.kind) for e in search.recording_errors),
+        contradicted_input=next((e.name for e in unusual if e.is_input), ""),
+        setup_alternatives=tuple(dict.fromkeys(name for e in unusual[:1] for name, _ in e.alternatives)),
     )
 
 
@@ -212,7 +284,7 @@ def _unresolved(search: Search, final: Fit) -> dict[str, float]:
     """Effects that are asked for and were not judged: fits that did not end and yet explain more than the final one."""
     out = {}
     for names, fit in search.fits.items():
-        gain = fit.ln_evidence - final.ln_evidence
+        gain = fit.secured - final.secured
         if not fit.usable and fit.status is not Status.OUTRUN and gain > CRITERIA.ln_bayes_distinct:
             out[" with ".join(sorted(names))] = gain
     for names in search.unfitted:
@@ -235,7 +307,8 @@ def describe(
     causes = (
         tuple(description.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()
     )
-    named_setup = [e for e in setup if e.is_unusual(CRITERIA) and kind not in ("no_verdict", "unexplained")]
+    unusual = [e for e in setup if e.is_unusual(CRITERIA)]
+    named_setup = [e for e in unusual if not e.is_input] if kind not in ("no_verdict", "unexplained") else []
     separable = separability(search.base, problem.tried)
     order = np.argsort(-separable.z)[:MAX_IN_MATRIX]
     shown = extended if shows_cause else base
@@ -243,7 +316,7 @@ def describe(
         title=problem.campaign.title,
         kind=kind,
         says=(),
-        causes=(*map(_setup_cause, named_setup), *causes),
+        causes=(*map(_recording_cause, search.recording_errors), *map(_setup_cause, named_setup), *causes),
         group=decision.group,
         next_experiment=_next_experiment(search, decision.group),
         base=base.metrics,
@@ -264,8 +337,8 @@ def describe(
         gain=_gain(change, base, extended) if causes else None,
         not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
         certain=tuple(c.effect for c in causes if c.effect not in decision.group) if kind == "group" else (),
-        laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA)),
-        held_key=_held_key(inputs) if kind == "held_key" else None,
+        laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA) and not e.is_input),
+        held_key=_held_key(inputs, unusual) if kind in ("held_key", "group", "named") else None,
         rules=tuple(RuleResult(**asdict(r)) for r in decision.rules),
         inputs=tuple(map(_input_result, inputs.checks)),
         inputs_told_together=inputs.groups,
@@ -274,12 +347,21 @@ def describe(
     return replace(verdict, says=(*says, *(c.words for c in inputs.contradicted[:3])))
 
 
-def _held_key(inputs: Questioned) -> Held | None:
-    """The stated input that explains what a cause would."""
-    if not inputs.contradicted:
+def _recording_cause(e: RecordingError) -> Cause:
+    gain = float(np.clip(e.evidence.ln_bayes, 0.0, 1e6))  # of what cannot be as stated it is infinite
+    return Cause(str(e.kind), e.words, (), 2.0 * gain, 0.0, 1.0, ln_bayes=gain, laboratory=True)
+
+
+def _held_key(inputs: Questioned, unusual: list[SetupError]) -> Held | None:
+    """The stated input that explains what a cause would, the most certain first."""
+    e = next((e for e in unusual if e.is_input), None)
+    check = next((c for c in inputs.checks if e is not None and c.input.key == e.name), None)
+    if e is None or check is None:
         return None
-    c = inputs.contradicted[0]
-    return Held(c.input.key, c.input.value, c.estimate, c.sd, c.input.unit, c.ln_bayes, False, c.words)
+    i = check.input
+    value = i.value * math.exp(e.value) if i.relative else i.value + e.value
+    sd = value * e.stderr if i.relative else e.stderr
+    return Held(i.key, i.value, value, sd, i.unit, e.ln_bayes, False, e.words)
 
 
 def _setup_cause(e: SetupError) -> Cause:
@@ -287,7 +369,7 @@ def _setup_cause(e: SetupError) -> Cause:
     where = e.parameter.file or e.parameter.name
     ends = (e.value - 1.96 * sd, e.value + 1.96 * sd)
     estimate = Estimate(f"{e.name}.{where}", e.value, sd, ends, e.unit)
-    words = e.words + (f" (or {'; or '.join(e.alternatives)})" if e.alternatives else "")
+    words = e.words + (f" (or {'; or '.join(w for _, w in e.alternatives)})" if e.alternatives else "")
     return Cause(e.name, words, (estimate,), e.pull**2, 0.0, 1.0, ln_bayes=e.ln_bayes, laboratory=True)
 
 
@@ -304,7 +386,7 @@ def _input_result(c: InputCheck) -> InputResult:
 
 
 def _next_experiment(search: Search, group: tuple[str, ...]) -> str:
-    if not group:
+    if not group or not all(name in search.problem.case.known for name in group):
         return ""
     fit = with_candidates(search.problem, search.data, search.best, search.problem.tried, lambda text: None)
     return experiment_design.advise(search.problem, fit, group)  # type: ignore[arg-type]

@@ -71,7 +71,7 @@ class Data:
                 if isinstance(entry, View):
                     rest = calibrated_residual(entry, seen)
                     own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
-                    own |= camera_columns(entry.recording, seen, rest)
+                    own |= camera_columns(entry.recording, seen, rest, _speed(fine.run, entry.recording.time))
                     known = np.isfinite(_left(entry, seen)[:, seen.inside])
                     data.known[entry.file] = known & ~_starting(entry, fine.run)[:, None]
                     if entry.file not in data.noises:
@@ -186,6 +186,13 @@ def _noise(view: View, seen: Observable, rest: Array) -> Noise:
     """The noise of a recording, stated or estimated; of lines from the `rest` (frames, nv, nu) K of a first fit."""
     found = noise(_left(view, seen), *levels(view), view.means.frames if view.means else None, rest)
     return beyond_stated(found, view.recording, rest)
+
+
+def _speed(run: Run, time: Array) -> Array:
+    """Speed of sliding (frames,) m/s at the times of frames."""
+    speed = np.abs(np.diff(run.slid)) / np.maximum(np.diff(run.time), 1e-12)
+    later = np.searchsorted(run.time, time) - 1
+    return np.asarray(speed[np.clip(later, 0, len(speed) - 1)])
 
 
 def _starting(view: View, run: Run) -> npt.NDArray[np.bool_]:

@@ -148,7 +148,7 @@ def _what(v: Verdict, known: Mapping[str, type[Effect]]) -> list[str]:
         needed = f"; {NAMED:g} names a cause" if c.ln_bayes < NAMED else ""
         return [*found, f"A hint, no proof: {_sentence(c)} ln Bayes factor {c.ln_bayes:.1f}{needed}."]
     if v.kind == "group":
-        words = " or ".join(f"{known[e].cause} ({e})" for e in v.group)
+        words = " or ".join(f"{known[e].cause} ({e})" if e in known else e for e in v.group)
         sure = [f"Certain: {_sentence(c)[7:]}" for c in causes if c.effect in v.certain]
         more = "Beside it something" if sure else "Something"
         return [*found, *sure, f"{more} is missing, and these data cannot tell which of these it is: {words}."]

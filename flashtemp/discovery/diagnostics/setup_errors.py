@@ -7,28 +7,29 @@ data as well as the best share its effect, such as the length of the block and t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.floor import LARGEST
+from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
 from flashtemp.discovery.laboratory import UNITS, name, words
-from flashtemp.discovery.linear_gaussian import Solution
+from flashtemp.discovery.linear_gaussian import Array, System
 from flashtemp.discovery.nuisances import GROUPS
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.whitening import Data
 
-MAX_ERRORS = 3
-FIXED = 1e-4  # of a prior standard deviation: as good as fixed, and safe in double precision
-
 
 @dataclass(frozen=True)
 class SetupError:
-    """An error of the set-up: `value` with `stderr` in `unit`, `pull` in standard deviations of what is usual, `ln_bayes`
-    against none, `words` for people, and `alternatives` in words that explain the data as well."""
+    """An error of the set-up: `value` with `stderr` in `unit`, `pull` in standard deviations of what is usual.
+
+    `ln_bayes` against none, `words` for people, and `alternatives` in words that explain the data as well.
+    """
 
     name: str
     parameter: ParameterId
@@ -38,50 +39,119 @@ class SetupError:
     pull: float
     ln_bayes: float
     words: str
-    alternatives: tuple[str, ...] = ()
+    alternatives: tuple[tuple[str, str], ...] = ()  # name and words of each
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it is a stated number of the case, not how a camera stood."""
+        return self.parameter.kind is Kind.INPUT
 
     def is_unusual(self, criteria: Criteria) -> bool:
-        """Whether it lies, its own uncertainty allowed for, where few set-ups do."""
-        certain = max(1.0 - 2.0 * self.stderr / max(abs(self.value), 1e-300), 0.0)
-        return abs(self.pull) * certain > criteria.pull_setup
+        """Whether it lies where few set-ups do."""
+        return abs(self.pull) > (criteria.pull_input if self.is_input else criteria.pull_setup)
 
 
-def setup_errors(problem: Problem, data: Data, fit: Fit, criteria: Criteria) -> tuple[SetupError, ...]:
-    """Errors of the set-up that a fit shows, the most certain first."""
-    asked = _asked(problem, fit)
-    free: dict[ParameterId, float] = {}
+@dataclass(frozen=True)
+class Reduced:
+    """The fit as a quadratic in errors of the set-up alone, all nuisances eliminated: ln probability of the data is
+    x.g - x.I.x / 2 up to a constant, x (k,) the errors themselves."""
+
+    names: tuple[ParameterId, ...]
+    gradient: Array
+    information: Array
+    sd: Array
+
+    def solve(self, free: tuple[int, ...]) -> tuple[float, Array, Array]:
+        """ln evidence with some errors free and the others none, their values and standard errors."""
+        at = list(free)
+        precision = self.information[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0)
+        lower = np.linalg.cholesky(precision)
+        half = np.linalg.solve(lower, self.gradient[at])
+        ln_det = 2.0 * float(np.sum(np.log(np.diag(lower)))) + 2.0 * float(np.sum(np.log(self.sd[at])))
+        covariance = np.linalg.inv(precision)
+        return 0.5 * float(half @ half) - 0.5 * ln_det, covariance @ self.gradient[at], np.sqrt(np.diag(covariance))
+
+
+def setup_errors(
+    problem: Problem, data: Data, fit: Fit, with_inputs: System, inputs: Sequence[StatedInput], criteria: Criteria
+) -> tuple[SetupError, ...]:
+    """Errors of the set-up and of stated inputs that a fit shows, the most certain first.
+
+    `with_inputs`: the system of the fit with columns of all stated inputs.
+    """
+    known = {i.parameter: i for i in inputs}
+    system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST))
+    if system is None or largest is None:
+        return ()
+    free: tuple[int, ...] = ()
     found: list[SetupError] = []
-    plain = _solve(fit, asked, free)
-    while asked and len(found) < MAX_ERRORS:
-        tried = {p: _solve(fit, asked, {**free, p: sd}) for p, sd in asked.items() if p not in free}
-        if not tried:
-            break
-        best = max(tried, key=lambda p: tried[p].ln_evidence)
-        gain = tried[best].ln_evidence - plain.ln_evidence
-        gain = min(gain, _gain_beyond_discrepancy(fit, asked, free, best))
+    while len(free) < len(system.names):
+        plain = system.solve(free)[0]
+        tried = {k: system.solve((*free, k)) for k in range(len(system.names)) if k not in free}
+        best = max(tried, key=lambda k: tried[k][0])
+        # what a smooth error of the model explains as well is no error of the set-up
+        beyond = largest.solve((*free, best))[0] - largest.solve(free)[0]
+        gain = min(tried[best][0] - plain, beyond)
         if gain < criteria.ln_bayes_named:
             break
-        alike = [p for p, s in tried.items()
-                 if p != best and tried[best].ln_evidence - s.ln_evidence < criteria.ln_bayes_distinct]  # fmt: skip
-        error = _error(problem, fit, best, asked[best], tried[best], gain, alike, tried)
-        certain = abs(error.value) > criteria.setup_standard_errors * error.stderr
-        if certain and _visible_fraction(data, fit, best, gain) > criteria.visible_fraction:
-            found.append(error)
-        free[best], plain = asked[best], tried[best]
+        alike = [k for k in tried if k != best and tried[best][0] - tried[k][0] < criteria.ln_bayes_distinct]
+        p, value, sd = system.names[best], float(tried[best][1][-1]), float(tried[best][2][-1])
+        others = tuple(_called(problem, known, system.names[k], float(tried[k][1][-1])) for k in alike)
+        certain = abs(value) > criteria.setup_standard_errors * sd
+        if certain and _visible_fraction(data, fit, p, gain) > criteria.visible_fraction:
+            found.append(_error(problem, known, p, value, sd, gain, others))
+        free = (*free, best)
     return tuple(found)
 
 
-def _asked(problem: Problem, fit: Fit) -> dict[ParameterId, float]:
-    """Standard deviations of all errors that may be asked: of the block, of all images of a view, of each of several."""
+def _reduced(
+    problem: Problem, fit: Fit, system: System, known: Mapping[ParameterId, StatedInput], discrepancy: float | None
+) -> Reduced | None:
+    """All errors that may be asked: of the block, of all images of a view, of each of several, of stated inputs."""
     views = {v.file: v.recording.view for v in problem.campaign.views}
     count = {view: sum(v == view for v in views.values()) for view in views.values()}
-    out = {}
-    for p in fit.solution.names:
-        alone = p.kind in PLACED and p.file and count[views[p.file]] > 1
-        shared = p.kind in PLACED and not p.file
-        if p.kind is Kind.SIZE or alone or shared:
-            out[p] = GROUPS[p.kind]
-    return out
+    names = tuple(
+        p for p in fit.solution.names
+        if p.kind is Kind.SIZE or (p.kind in PLACED and (not p.file or count[views[p.file]] > 1))
+    )  # fmt: skip
+    names = (*names, *(p for p in known if p in system.index))
+    if not names:
+        return None
+    priors: Priors = {p: v for p, v in fit.nuisances.items() if p.kind not in PLACED and p.kind is not Kind.SIZE}
+    if discrepancy is not None:
+        priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
+    # a recording that is the only one of its view lies where the fit has it: its error is that of the view
+    alone = {views[p.file]: p for p in fit.solution.names if p.kind in PLACED and p.file and count[views[p.file]] == 1}
+    found = system.projected(priors, list(names), system.total(variances=fit.hyper.variances))
+    places = []
+    for p in names:
+        single = alone.get(p.name) if p.kind in PLACED and not p.file else None
+        places.append(fit.model.placed(replace(p, name="", file=single.file) if single else p))
+    gradient = found.score + found.information @ np.array(places)
+    sd = np.array([known[p].sd if p in known else GROUPS[p.kind] for p in names])
+    return Reduced(names, gradient, found.information, sd)
+
+
+def _called(
+    problem: Problem, known: Mapping[ParameterId, StatedInput], p: ParameterId, value: float
+) -> tuple[str, str]:
+    """Name and words of an error."""
+    if p not in known:
+        return name(p), words(problem, p, value)
+    i = known[p]
+    found = i.value * float(np.exp(value)) if i.relative else i.value + value
+    unit = "" if i.unit == "1" else f" {i.unit}"
+    return i.key, f"{i.key} is {found:.4g}{unit}, not {i.value:.4g}{unit}"
+
+
+def _error(
+    problem: Problem, known: Mapping[ParameterId, StatedInput], p: ParameterId, value: float, sd: float, gain: float,
+    others: tuple[tuple[str, str], ...],
+) -> SetupError:  # fmt: skip
+    key, sentence = _called(problem, known, p, value)
+    factor = 180.0 / np.pi if p.kind is Kind.TURN else 1.0
+    usual, unit = (known[p].sd, "1") if p in known else (GROUPS[p.kind], UNITS[p.kind])
+    return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
 
 
 def _visible_fraction(data: Data, fit: Fit, p: ParameterId, gain: float) -> float:
@@ -94,43 +164,3 @@ def _visible_fraction(data: Data, fit: Fit, p: ParameterId, gain: float) -> floa
             rise = seen.values[:, seen.inside] - float(np.nanmin(seen.values))
             squares += b.count * float(np.nanmean(rise**2)) / data.noises[b.label].white ** 2
     return float(np.sqrt(2.0 * gain / squares)) if squares else 1.0
-
-
-def _gain_beyond_discrepancy(
-    fit: Fit, asked: dict[ParameterId, float], free: dict[ParameterId, float], p: ParameterId
-) -> float:
-    """ln Bayes factor of one error where the model's own smooth error is as large as it may be: what that explains as
-    well is no error of the set-up."""
-    plain = _solve(fit, asked, free, LARGEST)
-    return _solve(fit, asked, {**free, p: asked[p]}, LARGEST).ln_evidence - plain.ln_evidence
-
-
-def _solve(
-    fit: Fit, asked: dict[ParameterId, float], free: dict[ParameterId, float], discrepancy: float | None = None
-) -> Solution:
-    """The fit with every error of the set-up held at what is stated, but for those that are `free`."""
-    priors: Priors = dict(fit.nuisances)
-    for p in priors:
-        if p.kind is Kind.FLOOR and discrepancy is not None:
-            priors[p] = (priors[p][0], discrepancy)
-        if p.kind in PLACED or p.kind is Kind.SIZE:
-            sd = free.get(p, FIXED * GROUPS[p.kind])
-            priors[p] = (-fit.model.placed(p), sd)
-    return fit.system.solve(priors, fit.equations)
-
-
-def _error(
-    problem: Problem, fit: Fit, p: ParameterId, usual: float, solution: Solution, gain: float,
-    alike: list[ParameterId], tried: dict[ParameterId, Solution],
-) -> SetupError:  # fmt: skip
-    value, sd = _value(fit, p, solution), solution.sd(p)
-    factor = 180.0 / np.pi if p.kind is Kind.TURN else 1.0
-    others = tuple(words(problem, q, _value(fit, q, tried[q])) for q in alike)
-    return SetupError(
-        name(p), p, factor * value, factor * sd, UNITS[p.kind], value / usual, gain, words(problem, p, value), others
-    )
-
-
-def _value(fit: Fit, p: ParameterId, solution: Solution) -> float:
-    """The error itself: where the fit stands, and what the solution adds."""
-    return fit.model.placed(p) + solution[p]

@@ -21,7 +21,7 @@ from flashtemp.discovery.estimation.image_alignment import (
     objective,
 )
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
-from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, Quadratic, TrustRegion
+from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, POOR_RATIO, Quadratic, TrustRegion
 from flashtemp.discovery.hypothesis import Candidate, Model, declaration
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.parameters import Kind, ParameterId, Priors
@@ -33,7 +33,7 @@ from flashtemp.errors import FlashtempError, SolverFailure
 MAX_EVALUATIONS = 10  # simulations of the campaign in one fit
 NEGLIGIBLE_GAIN = 1.0  # ln evidence that a step promises, below which it is taken by the linearised model alone
 NOISE_GAIN = 4.0  # ln evidence: another sequence of time steps changes it by 2 (rtol 1e-4), either way
-MAX_REJECTED = 4  # steps in a row, each a quarter of the last one
+MAX_POOR = 4  # poor steps in a row, each a quarter of the last one: what is promised is not there
 OUTRUN_GAIN = 30.0  # ln evidence behind another hypothesis, promises included, from which a fit goes no further
 PROMISE_KEPT = 2.0  # times what a linearised model promises: what a curved one may still gain
 
@@ -122,7 +122,7 @@ class _Progress:
     count: int = 0
     history: list[float] = field(default_factory=list)
     refresh: bool = False  # whether the next point takes derivatives of its own
-    rejected: int = 0  # steps in a row
+    poor: int = 0  # steps in a row that gained little of what was promised, or nothing
 
 
 def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> Fitting:
@@ -143,12 +143,12 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> Fitting
         step = state.region.step(model, scale)
         ratio = yield from _try_step(h, state, step, model.reduction(step), best)
         state.region = state.region.after(ratio, step, scale)
+        if state.poor >= MAX_POOR:
+            return replace(best, status=Status.STALLED)
         if ratio > 0.0:
             continue
         if promise < NOISE_GAIN:  # what is left to gain is within the noise of numerics
             return replace(best, status=Status.CONVERGED)
-        if state.rejected >= MAX_REJECTED:
-            return replace(best, status=Status.STALLED)
         if not state.point.exact:  # derivatives of another point may be to blame, not the length of the step
             answer = yield from _evaluate(h, state.point.at.model, h.all_derivatives(), best)
             state.count += 1
@@ -190,7 +190,7 @@ def _try_step(
     before, after = (_objective(h, at, point.hyper) for at in (point.at, answer))
     ratio = (before - after) / max(predicted, 1e-300)
     state.refresh = not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
-    state.rejected = 0 if ratio > 0.0 else state.rejected + 1
+    state.poor = 0 if ratio > POOR_RATIO else state.poor + 1
     if ratio > 0.0:
         state.point = Point(answer, _hyperparameters(h, answer), exact)
     return ratio

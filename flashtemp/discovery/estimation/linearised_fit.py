@@ -83,6 +83,11 @@ class Fit:
         return self.solution.ln_evidence
 
     @property
+    def secured(self) -> float:
+        """ln evidence that is certain: of a fit that did not converge, without what its linearised model promises."""
+        return self.ln_evidence - (0.0 if self.converged else self.promise)
+
+    @property
     def nuisances(self) -> Priors:
         """Priors of all that may move, but for what lies on a bound."""
         return {p: v for p, v in self.priors.items() if p not in self.bound}

@@ -13,9 +13,8 @@ from dataclasses import replace
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     RecordingHypothesis,
-    fit_from_pose,
-    halves_excess,
-    required_ln_bayes,
+    compare_fits,
+    fit_at_pose,
 )
 from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.prediction import Prediction, Task
@@ -46,13 +45,12 @@ def _registered_pose(
     pose = register_image(problem, hypothesis.view.recording, prediction.observables[hypothesis.file])
     if pose is None:
         return None
-    stated = fit_from_pose(problem, task, prediction, hypothesis, STATED_POSE)
-    if stated.is_adequate:
+    stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE)
+    if stated.is_adequate or (stated := stated.aligned()).is_adequate:
         return None
     try:
-        registered = fit_from_pose(problem, task, prediction, hypothesis, pose)
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose).aligned()
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return None
-    gain = registered.ln_evidence - stated.ln_evidence
-    is_clear = gain > required_ln_bayes(1) and halves_excess([stated], [registered])
-    return registered.pose if is_clear else None
+    found = compare_fits(problem, [stated], [registered])
+    return registered.pose if found.is_clear(1) else None

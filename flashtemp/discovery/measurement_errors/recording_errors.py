@@ -21,15 +21,13 @@ from flashtemp.comparison.compare import check
 from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     MIN_COMMON_FRACTION,
+    HypothesisEvidence,
     RecordingFit,
     RecordingHypothesis,
-    common_data,
+    compare_fits,
     fit_recording,
-    halves_excess,
     has_same_moments,
-    joint_ln_evidence,
     predict_otherwise,
-    required_ln_bayes,
     resampled_images,
 )
 from flashtemp.discovery.nuisances import everything
@@ -61,16 +59,6 @@ FLIP_WORDS = {
     ErrorKind.UPSIDE_DOWN: "is upside down",
     ErrorKind.ROTATED: "is turned by 180 degrees",
 }
-
-
-@dataclass(frozen=True)
-class HypothesisEvidence:
-    """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
-    what the best calibration of the recordings alone leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
-
-    ln_bayes: float
-    chi2_stated: float = np.nan
-    chi2_corrected: float = np.nan
 
 
 IMPOSSIBLE = HypothesisEvidence(np.inf)
@@ -194,16 +182,24 @@ class _Search:
         return _scenes(self.problem)
 
     @cached_property
-    def _stated(self) -> dict[str, RecordingFit]:
+    def _fits(self) -> dict[tuple[str, bool], RecordingFit]:
         return {}
 
     def stated(self, e: _Entry) -> RecordingFit:
-        """The fit of a recording as stated."""
-        if e.view.file not in self._stated:
+        """The linearised fit of a recording as stated."""
+        key = e.view.file, False
+        if key not in self._fits:
             hypothesis = RecordingHypothesis(e.view, e.number)
-            found = fit_recording(self.problem, self.tasks[e.number], self.predictions[e.number], hypothesis)
-            self._stated[e.view.file] = found
-        return self._stated[e.view.file]
+            task, made = self.tasks[e.number], self.predictions[e.number]
+            self._fits[key] = fit_recording(self.problem, task, made, hypothesis)
+        return self._fits[key]
+
+    def stated_aligned(self, e: _Entry) -> RecordingFit:
+        """The same with its image aligned."""
+        key = e.view.file, True
+        if key not in self._fits:
+            self._fits[key] = self.stated(e).aligned()
+        return self._fits[key]
 
     def otherwise(self, e: _Entry, hypothesis: RecordingHypothesis, source: View) -> RecordingFit | None:
         """The fit of a recording under a hypothesis, from fields and sensitivities of `source`; None if none is."""
@@ -233,21 +229,18 @@ class _Search:
         return len(_possible_flips(e.view)) + len(self.problem.conditions) - 1
 
     def judged(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> HypothesisEvidence | None:
-        """Evidence of hypotheses about recordings together against these as stated; None if it is not clear."""
-        pairs = [common_data(self.stated(a), fit) for a, fit in zip(e, fits, strict=True)]
-        both = [pair for pair in pairs if pair is not None]
-        if len(both) < len(pairs):
-            return None
-        stated, other = [pair[0] for pair in both], [pair[1] for pair in both]
-        gain = joint_ln_evidence(self.problem, other) - joint_ln_evidence(self.problem, stated)
-        if gain < required_ln_bayes(self.hypotheses_about(e[0])) or not halves_excess(stated, other):
-            return None
-        return HypothesisEvidence(gain, _chi2_per_datum(stated), _chi2_per_datum(other))
+        """Evidence of hypotheses about recordings together against these as stated; None if it is not clear.
 
-
-def _chi2_per_datum(fits: Sequence[RecordingFit]) -> float:
-    count = sum(f.block.count for f in fits)
-    return sum(f.chi2_per_datum * f.block.count for f in fits) / max(count, 1)
+        Images are aligned only where the linearised fits are better: those of wrong hypotheses go astray at great cost.
+        """
+        if compare_fits(self.problem, [self.stated(a) for a in e], fits).ln_bayes <= 0.0:
+            return None
+        try:
+            aligned = [fit.aligned() for fit in fits]
+        except FlashtempError:
+            return None
+        found = compare_fits(self.problem, [self.stated_aligned(a) for a in e], aligned)
+        return found if found.is_clear(self.hypotheses_about(e[0])) else None
 
 
 # --- copies ------------------------------------------------------------------------------------------------------
@@ -258,12 +251,11 @@ def _duplicates(search: _Search) -> Iterator[RecordingError]:
         first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
         if first is None:
             continue
-        chi2 = {e.view.file: search.stated(e).chi2_per_datum for e in (first, second)}
-        wrong, right = (first, second) if chi2[first.view.file] > chi2[second.view.file] else (second, first)
-        files = wrong.view.file, right.view.file
-        words = f"{files[0]} holds the same values as {files[1]}"
-        evidence = HypothesisEvidence(np.inf, chi2[files[0]], chi2[files[1]])
-        yield RecordingError(ErrorKind.DUPLICATE, files[:1], words, evidence, left_out=files[:1])
+        fits = {e.view.file: search.stated(e) for e in (second, first)}
+        wrong, right = sorted(fits, key=lambda file: fits[file].ln_evidence)
+        evidence = HypothesisEvidence(np.inf, fits[wrong].chi2_per_datum, fits[right].chi2_per_datum)
+        words = f"{wrong} holds the same values as {right}"
+        yield RecordingError(ErrorKind.DUPLICATE, (wrong, right), words, evidence, left_out=(wrong,))
 
 
 def _has_same_values(a: View, b: View) -> bool:
@@ -376,7 +368,7 @@ def _visiting_fit(search: _Search, e: _Entry, host: _Entry) -> RecordingFit | No
     hypothesis = RecordingHypothesis(e.view, host.number)
     if has_same_moments(e.view, host.view):
         return search.otherwise(e, hypothesis, host.view)
-    if search.stated(e).is_adequate:
+    if search.stated_aligned(e).is_adequate:
         return None
     task = replace(search.tasks[host.number], views=(e.view,), forces=())
     [made] = search.problem.run([task])

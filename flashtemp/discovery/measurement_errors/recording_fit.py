@@ -19,7 +19,6 @@ from flashtemp.comparison.noise import Noise
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.hyperparameters import Estimated, estimate
 from flashtemp.discovery.estimation.image_alignment import Linearisation, align_images
-from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.linear_gaussian import Block, System, products
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
 from flashtemp.discovery.parameters import ALL, ParameterId
@@ -58,18 +57,21 @@ class RecordingHypothesis:
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """A recording fitted by itself: whitened `block` at the best `model` of its images, and what was `estimated`.
+    """A recording fitted by itself, `at` a linearised point of its image, with what was `estimated` there.
 
-    `problem` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
+    `problem` and `data` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
     """
 
     hypothesis: RecordingHypothesis
     problem: Problem
-    model: Model
-    block: Block
+    data: Data
     known: Mask
+    at: Linearisation
     estimated: Estimated
-    noise: Noise
+
+    @property
+    def block(self) -> Block:
+        return self.at.system.blocks[0]
 
     @property
     def ln_evidence(self) -> float:
@@ -78,17 +80,33 @@ class RecordingFit:
     @property
     def chi2_per_datum(self) -> float:
         """Sum of squares that the best calibration leaves over the number of data, in stated variances."""
-        return float(System([self.block]).left(self.estimated.solution)[0]) / max(self.block.count, 1)
+        return float(self.at.system.left(self.estimated.solution)[0]) / max(self.block.count, 1)
 
     @property
     def pose(self) -> ImagePose:
-        return ImagePose(self.model.place(self.hypothesis.file), self.model.shift(self.hypothesis.file))
+        return ImagePose(self.at.model.place(self.hypothesis.file), self.at.model.shift(self.hypothesis.file))
+
+    @property
+    def noise(self) -> Noise:
+        return self.data.noises[self.hypothesis.file]
+
+    @property
+    def known_in_file(self) -> Mask:
+        """`known` in the order of the file."""
+        return self.hypothesis.in_file_order(self.known)
 
     @property
     def is_adequate(self) -> bool:
         """Whether what is left may be noise of the stated size, as well as that is known."""
         tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(self.block.count, 1))
         return bool(self.chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
+
+    def aligned(self) -> RecordingFit:
+        """The fit with its image where the data want it.  Raises SolverFailure."""
+        if self.hypothesis.view.recording.places is not None:
+            return self
+        at = align_images(self.problem, self.data, self.at, self.estimated.hyper, frozenset())
+        return replace(self, at=at, estimated=estimate(self.problem, at.system, at.model, {}))
 
     def restricted_to(self, common: Mask) -> RecordingFit:
         """The same with those data alone that are `common` (frames, nv, nu), in the order of the file."""
@@ -97,39 +115,36 @@ class RecordingFit:
             return self
         F = self.block.F[keep]
         block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=products([F])[0])
-        return replace(self, block=block, estimated=estimate(self.problem, System([block]), self.model, {}))
-
-    @property
-    def known_in_file(self) -> Mask:
-        return self.hypothesis.in_file_order(self.known)
+        at = replace(self.at, system=System([block]))
+        known = self.hypothesis.in_file_order(common)
+        return replace(self, known=known, at=at, estimated=estimate(self.problem, at.system, at.model, {}))
 
 
 def fit_recording(
-    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis,
-    noise: Noise | None = None,
-) -> RecordingFit:  # fmt: skip
-    """The best of fits from the stated pose and, where that is not adequate, from the registered one.
+    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis, noise: Noise | None = None
+) -> RecordingFit:
+    """The better of linearised fits at the stated pose and, where that is not adequate, at the registered one.
 
     `prediction` holds the recording as it would be seen, with its fields.  Raises BadInput, SolverFailure.
     """
-    stated = fit_from_pose(problem, task, prediction, hypothesis, STATED_POSE, noise)
+    stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE, noise)
     if stated.is_adequate:
         return stated
     pose = register_image(problem, hypothesis.view.recording, prediction.observables[hypothesis.file])
     if pose is None:
         return stated
     try:
-        registered = fit_from_pose(problem, task, prediction, hypothesis, pose, noise)
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, noise)
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return stated
     return max(stated, registered, key=lambda fit: fit.ln_evidence)
 
 
-def fit_from_pose(
+def fit_at_pose(
     problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis, pose: ImagePose,
     noise: Noise | None = None,
 ) -> RecordingFit:  # fmt: skip
-    """One recording by itself, its image aligned from a pose.  Raises BadInput, SolverFailure."""
+    """The linearised fit of one recording with its image in a pose.  Raises BadInput, SolverFailure."""
     view, alone = hypothesis.view, single_recording_problem(problem, hypothesis)
     model, observable, task = alone.start, prediction.observables[view.file], replace(task, views=(view,), forces=())
     if pose != STATED_POSE:
@@ -141,13 +156,9 @@ def fit_from_pose(
     data = Data.begin(alone, [shown], noises=None if noise is None else {view.file: noise})
     block = replace(data.blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
     at = Linearisation(model, (task,), (shown,), System([block]))
-    estimated = estimate(alone, at.system, model, {})
-    if prediction.full is not None and view.recording.places is None:
-        at = align_images(alone, data, at, estimated.hyper, frozenset())
-        estimated = estimate(alone, at.system, at.model, {})
     known = np.zeros(observable.values.shape, bool)
     known[:, observable.inside] = data.known[view.file]
-    return RecordingFit(hypothesis, alone, at.model, at.system.blocks[0], known, estimated, data.noises[view.file])
+    return RecordingFit(hypothesis, alone, data, known, at, estimate(alone, at.system, model, {}))
 
 
 def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) -> Problem:
@@ -161,30 +172,50 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
 
 
 # --- comparisons on the same data -----------------------------------------------------------------------------
-def required_ln_bayes(hypotheses: int) -> float:
-    """ln Bayes factor from which one of so many hypotheses about a recording is accepted against the stated one.
+@dataclass(frozen=True)
+class HypothesisEvidence:
+    """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
+    what the best calibration of the recordings alone leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
 
-    Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
-    """
-    return CRITERIA.ln_bayes_distinct + LN_ODDS_HANDLING_ERROR + float(np.log(max(hypotheses, 1)))
+    ln_bayes: float
+    chi2_stated: float = np.nan
+    chi2_corrected: float = np.nan
+
+    @property
+    def halves_excess(self) -> bool:
+        """Whether the hypothesis leaves at most half of the excess chi2, or none.
+
+        Misfit of a model that lacks something is smooth, and the number of pixels overstates its evidence: a
+        hypothesis that misfits nearly as much is no better, whatever the evidence.
+        """
+        before, after = (max(chi2 - 1.0, 0.0) for chi2 in (self.chi2_stated, self.chi2_corrected))
+        return after <= CRITERIA.law_excess_left * before
+
+    def is_clear(self, hypotheses: int) -> bool:
+        """Whether one of so many hypotheses about a recording is accepted against the stated one.
+
+        Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
+        """
+        needed = CRITERIA.ln_bayes_distinct + LN_ODDS_HANDLING_ERROR + float(np.log(max(hypotheses, 1)))
+        return self.ln_bayes > needed and self.halves_excess
 
 
-def halves_excess(stated: Sequence[RecordingFit], other: Sequence[RecordingFit]) -> bool:
-    """Whether a hypothesis leaves at most half of the excess chi2 of recordings, or none.
+def compare_fits(problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit]) -> HypothesisEvidence:
+    """Evidence of fits of recordings together against fits as stated, by those data that both predict."""
+    before, after = [], []
+    for a, b in zip(stated, other, strict=True):
+        common = a.known_in_file & b.known_in_file
+        if np.count_nonzero(common) < MIN_COMMON_FRACTION * np.count_nonzero(a.known):
+            return HypothesisEvidence(-np.inf)
+        before.append(a.restricted_to(common))
+        after.append(b.restricted_to(common))
+    gain = joint_ln_evidence(problem, after) - joint_ln_evidence(problem, before)
+    return HypothesisEvidence(gain, _chi2_per_datum(before), _chi2_per_datum(after))
 
-    Misfit of a model that lacks something is smooth, and its evidence is overstated by the number of pixels: a
-    hypothesis that misfits nearly as much is no better, whatever the evidence.
-    """
-    before, after = (sum(max(f.chi2_per_datum - 1.0, 0.0) * f.block.count for f in fits) for fits in (stated, other))
-    return after <= CRITERIA.law_excess_left * before
 
-
-def common_data(stated: RecordingFit, other: RecordingFit) -> tuple[RecordingFit, RecordingFit] | None:
-    """Both fits of one recording with the data alone that both predict; None where these are too few."""
-    common = stated.known_in_file & other.known_in_file
-    if np.count_nonzero(common) < MIN_COMMON_FRACTION * max(np.count_nonzero(stated.known), 1):
-        return None
-    return stated.restricted_to(common), other.restricted_to(common)
+def _chi2_per_datum(fits: Sequence[RecordingFit]) -> float:
+    count = sum(f.block.count for f in fits)
+    return sum(f.chi2_per_datum * f.block.count for f in fits) / max(count, 1)
 
 
 def joint_ln_evidence(problem: Problem, fits: Sequence[RecordingFit]) -> float:

@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.adequacy_tests import estimates_per_condition
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.selection.scores import Pair, Score, pairs, scores, worth_another_look
@@ -29,7 +31,8 @@ Names = frozenset[str]
 class Search:
     """What was tried on a `problem`: the calibrated `base` and the `best` extended fit, both with sensitivities of all
     candidates that may still matter; `fits` {effects: fit} of every full fit; `ranking` scores at the base and at
-    every extension; `unfitted` {effects: why} of those that could not be simulated."""
+    every extension; `unfitted` {effects: why} of those that could not be simulated.  `recording_errors` were corrected
+    before anything was fitted."""
 
     problem: Problem
     data: Data
@@ -38,6 +41,7 @@ class Search:
     fits: dict[Names, Fit]
     ranking: tuple[tuple[Score, ...], ...] = ()
     unfitted: dict[Names, str] = field(default_factory=dict)
+    recording_errors: tuple[RecordingError, ...] = ()
 
 
 def names_of(fit: Fit) -> Names:
@@ -131,12 +135,23 @@ def _pairs(search: Search, ranked: Sequence[Score]) -> list[Pair]:
 def _worth_its_parameters(search: Search) -> Fit | None:
     """The extension with the largest evidence, if each of its effects pays for itself."""
     own = names_of(search.best)
-    extended = [f for names, f in search.fits.items() if names > own and f.usable]
-    best = max(extended, key=lambda f: f.ln_evidence - CRITERIA.ln_bayes_named * len(names_of(f)), default=None)
+    extended = [f for names, f in search.fits.items() if names > own and f.usable and (not own or _is_sound(search, f))]
+    best = max(extended, key=lambda f: f.secured - CRITERIA.ln_bayes_named * len(names_of(f)), default=None)
     if best is None:
         return None
-    gained = best.ln_evidence - search.best.ln_evidence
+    gained = best.secured - search.best.secured
     return best if gained > CRITERIA.ln_bayes_named * (len(names_of(best)) - len(own)) else None
+
+
+def _is_sound(search: Search, fit: Fit) -> bool:
+    """Whether a further cause is one: alike in all conditions, and more than a smooth error of the model as large as one
+    may be.  If not, it mops up what another one left."""
+    problem = search.problem
+    new = names_of(fit) - names_of(search.best)
+    estimates = [e for effect in new for e in estimates_per_condition(problem, fit, effect)]
+    before, after = (f.at_largest(problem, f.effects) for f in (search.best, fit))
+    alike = all(e.probability > CRITERIA.condition_scatter for e in estimates)
+    return alike and after - before > CRITERIA.ln_bayes_named
 
 
 def is_alive(problem: Problem, fit: Fit) -> bool:

@@ -85,7 +85,7 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
     """What the tables need of a verdict."""
     effects = [c for c in verdict.causes if not c.laboratory]
     scores = {r.effect: r.score for r in verdict.rivals} | {c.effect: c.ln_bayes for c in effects}
-    freed = [k.key for k in [verdict.held_key] if k and k.freed]
+    keys = [k.key for k in [verdict.held_key] if k and (k.freed or verdict.kind == "held_key")]
     parameters = [
         {"name": p.name, "value": p.value, "stderr": p.stderr, "ci95": list(p.ci95),
          "true": hidden.get(c.effect, {}).get(p.name.rpartition(".")[2])}
@@ -94,7 +94,7 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
     return {
         "verdict": verdict.kind,
         "effects": [c.effect for c in effects],
-        "inputs": [*(c.effect for c in verdict.causes if c.laboratory), *freed],
+        "inputs": [*(c.effect for c in verdict.causes if c.laboratory), *keys],
         "group": list(verdict.group),
         "parameters": parameters,
         "best": sorted(scores.items(), key=lambda item: -item[1])[:3],

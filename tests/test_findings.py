@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,15 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import Seeing
 from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
 from flashtemp.discovery import wording
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.decision import AdequacyTest, Alternative, EffectSize, Evidence, decide
+from flashtemp.discovery.diagnostics import adequacy_tests as adequacy
+from flashtemp.discovery.diagnostics.verdict_sentences import (
+    ADEQUACY_WORDS,
+    describe_rule,
+    describe_verdict,
+    explain_uncertainty,
+)
 from flashtemp.discovery.verdict import (
     KINDS,
     Cause,
@@ -26,11 +36,13 @@ from flashtemp.discovery.verdict import (
     Fitness,
     Found,
     Held,
+    InputResult,
     LearnedLaw,
     Missing,
     OwnValue,
     Pull,
     Rival,
+    RuleResult,
     Test,
     Verdict,
 )  # fmt: skip
@@ -361,7 +373,7 @@ def test_the_answer_comes_first(pages, kind):
     _, reader = pages(kind)
     first = reader.text.index(verdict_report.ANSWER[kind][0])
     says = [reader.text.index(line) for line in verdict(kind).says]
-    sections = [reader.text.find(h) for h in ("1. ", "Certificate of convergence", "Warnings") if h in reader.text]
+    sections = [reader.text.find(h) for h in ("1. ", "Convergence of the calibration", "Warnings") if h in reader.text]
     assert first < min(says) <= max(says) < min(sections)
     assert verdict_report.ANSWER[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
 
@@ -382,32 +394,34 @@ def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
     assert ["chi2/dof (–)", "13.20", "1.00"] in reader.rows or ["chi2/dof (–)", "13.2", "1.00"] in reader.rows
     assert reader.table("test for structure")[0] == ["Moran's I", "sidewall_0.nc", "base", "0.31", "0.001"]
     assert ["block.k", "0.05"] in reader.rows
-    assert ["pressure modes", "", "4.2", "20", "yes"] in reader.rows
+    assert ["Pressure modes", "", "4.2", "20", "yes"] in reader.rows
     assert "Rest 10 min before repetition 11: it separates <track memory> from drift." in reader.text
     assert "<track memory>" not in pages("named")[0]
 
 
 @pytest.mark.long
 def test_kinds_read_as_they_are(pages):
-    assert "Cannot be told apart: edge pressure, pressure tilt." in pages("group")[1].text
+    assert "Not distinguishable: edge pressure, pressure tilt." in pages("group")[1].text
     assert "The model was not extended" in pages("unexplained")[1].text
     text = pages("none_needed")[1].text
     assert "Measured against computed" in text
     assert "What is wrong" not in text
     assert "What to measure next" not in text
     text = pages("no_verdict")[1].text
-    assert "Certificate of convergence" in text
-    assert "How to read" not in text
+    assert "Convergence of the calibration" in text
+    assert "Distinctness" not in text
     assert "wake_1.nc: the noise was <estimated>" in text
     two = replace(CAUSE, effect="third_body", words="")
-    assert "2 causes are named" in verdict_report.text(verdict("named", causes=(CAUSE, two), before=(), after=()))
+    assert "2 missing effects are identified" in verdict_report.text(
+        verdict("named", causes=(CAUSE, two), before=(), after=())
+    )
 
 
 def test_a_verdict_without_anything_is_still_a_page():
     for kind in KINDS:
         reader = Reader(verdict_report.text(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
-        assert "None was issued" in reader.text
+        assert "Nothing is known about the convergence" in reader.text
 
 
 def test_the_page_is_the_answer_one_picture_and_a_list_of_the_rest(pages):
@@ -425,7 +439,7 @@ def test_the_page_is_the_answer_one_picture_and_a_list_of_the_rest(pages):
 def test_what_is_long_is_folded(pages):
     html, _ = pages("named")
     folds = "".join(re.findall(r"<details>.*?</details>", html, re.S))
-    for words in ("test for structure", "standard deviation of what was known", "detectable at 5 sigma"):
+    for words in ("test for structure", "prior standard deviation", "detectable at 5 sigma"):
         assert words in folds
     assert html.count("<details>") == html.count("<summary>") >= 5
     assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
@@ -468,15 +482,15 @@ def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
     assert verdict_parts.beyond(quiet[0]) == pytest.approx(share / 100)
 
 
-def test_every_gate_has_plain_words(unpainted):
-    for question, measure, wrong in wording.GATES.values():
-        assert len({question, measure, wrong}) == 3
-        assert "modes" not in question + wrong
+def test_every_adequacy_test_has_plain_words(unpainted):
+    for words in ADEQUACY_WORDS.values():
+        assert len({words.passes, words.measured_by, words.fails}) == 3
+        assert "modes" not in words.passes + words.fails
     text = Reader(
-        verdict_report.text(verdict("named", gates=dict.fromkeys(wording.GATES, (5.0, 4.0)), before=(), after=()))
+        verdict_report.text(verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=()))
     )
     rows = text.table("what was checked")
-    assert [r[0] for r in rows] == [g[0] for g in wording.GATES.values()]
+    assert [r[0] for r in rows] == [words.passes for words in ADEQUACY_WORDS.values()]
     assert {r[-1] for r in rows} == {"no"}
 
 
@@ -704,11 +718,193 @@ def test_what_to_look_at_again_is_listed_and_no_verdict_keeps_what_it_knows():
         Check("held key", "friction.mu", "friction.mu was held at 0.8", 12.0, 1.0, 0.1),
     )
     text = Reader(verdict_report.text(verdict("unexplained", checklist=checks, before=(), after=()))).text
-    assert text.index("What to look at again") < text.index("the pixel scale of <wall.nc>") < text.index("held at 0.8")
-    assert "What to look at again" not in Reader(verdict_report.text(verdict("named", before=(), after=()))).text
+    assert (
+        text.index("What to check in the set-up")
+        < text.index("the pixel scale of <wall.nc>")
+        < text.index("held at 0.8")
+    )
+    assert "What to check in the set-up" not in Reader(verdict_report.text(verdict("named", before=(), after=()))).text
     known = Reader(verdict_report.text(verdict("no_verdict", base=EXTENDED, rivals=RIVALS, checklist=checks))).text
-    assert "What to look at again" in known
+    assert "What to check in the set-up" in known
     assert RIVALS[0].effect.replace("_", " ") in known
+
+
+# --- why a verdict is what it is, and the inputs that the data question ---------------------------------------
+PRIVATE_WORDS = re.compile(r"\b(told|tells?|held|stands|laborator\w+|put right|mended|trace|nats)\b", re.I)
+
+
+def stated_input(key, verdict, pull=0.5, ln_bayes=-1.0, **changes):
+    known = {"stated": 1.5e5, "unit": "Pa", "sd": 0.02, "relative": True, "source": "by kind"}
+    known |= {"estimate": 1.65e5, "stderr": 3.1e3, "words": f"{key} in words", "sentence": ""}
+    return InputResult(key=key, pull=pull, ln_bayes=ln_bayes, verdict=verdict, **(known | changes))
+
+
+UNCHECKED = tuple(stated_input(f"road.n{i}", "not checkable", stderr=np.inf) for i in range(6))
+INPUTS = (
+    stated_input("block.length", "consistent", stated=0.025, unit="m", estimate=0.0251, stderr=1e-4),
+    stated_input("ambient.temperature", "contradicted", -5.1, 9.0, stated=20.0, unit="degC", sd=0.5, relative=False,
+                 estimate=17.0, stderr=0.3),
+    stated_input("contact.pressure", "contradicted", 6.2, 14.0),
+    *UNCHECKED,
+)  # fmt: skip
+FAILED = RuleResult("heat of any shape (ln Bayes factor)", 31.2, 3.0, False, "heat of any shape: 31.2, limit 3")
+PASSED = RuleResult("the evidence is strong", 12.0, 8.0, True, "the ln Bayes factor is 12")
+SETUP = Cause(
+    "pixel_scale", "the pixel scale of wall.nc is 1.2 % too small (or the block's length is 25.3 mm)",
+    (Estimate("pixel_scale.wall.nc", 0.012, 0.001, (0.01, 0.014)),), 144.0, 0.0, 1.0, 60.0, laboratory=True,
+)  # fmt: skip
+
+
+def evidence(**changes):
+    """Evidence for one strong cause, visible and adequate."""
+    whole = {
+        "is_converged": True, "base_certainly_misfits": False, "causes": ("wear",), "ln_bayes": 30.0,
+        "ln_bayes_discrepancy": 30.0, "heldout_gain": 3.0, "size": EffectSize(0.05, 0.0, 0.1, 0.01),
+        "alternatives": (Alternative(frozenset({"radiation"}), 1.0),),
+        "adequacy": tuple(AdequacyTest(name, 0.5, 1.0) for name in ADEQUACY_WORDS),
+    }  # fmt: skip
+    return Evidence(**(whole | changes))
+
+
+def test_every_rule_of_a_decision_has_words_and_the_side_of_its_limit_is_right():
+    """A rule that passes with a value below its limit has an upper limit, one with a value above it a lower one."""
+    cases = [
+        evidence(), evidence(is_converged=False), evidence(unresolved={"wear": 20.0}),
+        evidence(learned_law="mu over T", law_excess_left=0.2),
+    ]  # fmt: skip
+    for r in [r for e in cases for r in decide(e).rules]:
+        words = describe_rule(r.name)
+        assert words.passes[:1].isupper(), r.name
+        assert words.passes.lower() != r.name.lower() or words.measured_by or r.name == "the fit converged", r.name
+        assert not PRIVATE_WORDS.search(words.passes + words.measured_by + words.fails)
+        if words.measured_by and r.passed:
+            assert (r.value <= r.limit) == words.is_upper, r.name
+
+
+def test_adequacy_tests_and_their_words_have_the_same_names(monkeypatch):
+    monkeypatch.setattr(adequacy, "unnamed_heat_evidence", lambda *a: 0.0)
+    monkeypatch.setattr(adequacy, "pressure_mode_chi2", lambda *a: 0.0)
+    monkeypatch.setattr(adequacy, "largest_misfit", lambda *a: 0.0)
+    monkeypatch.setattr(adequacy, "normalised_deviations", lambda *a: {})
+    fit = SimpleNamespace(blocks=(), system=SimpleNamespace(seen=()), model=SimpleNamespace(effects=()))
+    assert [t.name for t in adequacy.adequacy_tests(None, fit, CRITERIA)] == list(ADEQUACY_WORDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted, kind):
+    v = verdict(kind, 1, rules=(PASSED, FAILED), inputs=INPUTS, before=(), after=(), inputs_told_together=(
+        ("block.length", "pixel scale"),))  # fmt: skip
+    page = verdict_report.text(v)
+    reader = Reader(page)
+    rows = reader.table("what was asked")
+    assert [r[2:] for r in rows] == [["12", "≥ 8", "passed"], ["31.2", "≤ 3", ADEQUACY_WORDS[FAILED.name].fails]]
+    assert explain_uncertainty(v) in reader.text
+    contradicted = reader.table("stated input")
+    assert contradicted[:2] == [  # the most certain first, in the units of people
+        ["contact.pressure in words", "contact.pressure", "0.15 MPa", "2 %, by kind", "0.1650 ± 0.0031 MPa", "6.2", "14"],
+        ["ambient.temperature in words", "ambient.temperature", "20 °C", "0.5 K, by kind", "17.00 ± 0.30 °C", "5.1", "9"],
+    ]  # fmt: skip
+    folds = "".join(re.findall(r"<details>.*?</details>", page, re.S))
+    assert "<td>block.length</td>" in folds
+    assert "contact.pressure in words" not in folds
+    assert f"These data cannot check: {', '.join(i.key for i in UNCHECKED)}." in reader.text
+    assert "These data cannot distinguish from each other: block.length and pixel scale." in reader.text
+    assert reader.text.index("Why this verdict") < reader.text.index("Inputs that the data question")
+
+
+def test_inputs_without_a_contradiction_are_shown_and_old_verdicts_have_no_such_section(unpainted):
+    text = Reader(verdict_report.text(verdict("named", inputs=UNCHECKED, before=(), after=()))).text
+    assert "The data contradict no stated input." in text
+    text = Reader(verdict_report.text(verdict("named", before=(), after=()))).text
+    assert "Why this verdict" not in text
+    assert "Inputs that the data question" not in text
+    assert "Adequacy tests" in text
+
+
+def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cannot_be_checked():
+    text = str(verdict("named", inputs=INPUTS))
+    [line] = [line for line in text.splitlines() if "inputs: " in line]
+    assert "contact.pressure (6.2 standard deviations)" in line
+    assert line.endswith("cannot check 6 of 9: road.n0, road.n1, road.n2, road.n3, road.n4, road.n5")
+    more = str(verdict("named", inputs=(*INPUTS, stated_input("road.n6", "not checkable"))))
+    assert "cannot check 7 of 10\n" in more
+    assert "road.n0" not in more
+    assert "inputs:" not in str(verdict("named"))
+    titles = [part.title for part in verdict("named", inputs=INPUTS, rules=(PASSED,)).sheet().parts]
+    assert titles[:2] == ["Why this verdict", "Stated inputs against the data"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "first", "also"),
+    [
+        ("named", {}, "The model lacks one effect: the nominal contact pressure peaks", "95 % interval 1.62 to 1.82"),
+        ("named", {"causes": (CAUSE, replace(CAUSE, effect="wear"))}, "The model lacks 2 effects: ", "(wear)"),
+        ("named", {"causes": (SETUP,)}, "The set-up differs from what is stated: the pixel scale", "(1.2 % +- 0.1 %)"),
+        ("named", {"causes": (SETUP, CAUSE)}, "The model lacks one effect: ", "The set-up differs from what is stated"),
+        ("weak", {"not_named": ("the mesh may err by 3 mK",)}, "A missing effect is likely, but not established",
+         "Not more certain because: the mesh may err by 3 mK."),
+        ("group", {"group": ("wear", "radiation")}, "One effect is missing, and these data cannot distinguish which",
+         "To distinguish them: Rest 10 min"),
+        ("group", {"group": ("pixel_scale", "block_length"), "causes": (SETUP,)},
+         "The set-up differs from what is stated, and these data cannot distinguish how: the pixel scale",
+         "An independent measurement"),
+        ("unexplained", {"rules": (PASSED, FAILED)}, "Something is missing that the catalogue does not contain.",
+         "What was tested and failed: heat of another shape is needed along the contact"),
+        ("none_needed", {}, "No extension is needed", "a cause needs 8"),
+        ("no_verdict", {"not_named": ("wear could not be fitted to an end",)},
+         "There is no verdict: wear could not be fitted to an end.", "Check the values of the case"),
+        ("held_key", {}, "No effect is missing, but the data contradict a stated input: friction.mu is stated as 0.8; "
+         "the data require 1 +- 0.01", "Correct friction.mu"),
+        ("learned", {"law": LAW}, "A law outside the catalogue was learned from the data: friction.mu as a function of T",
+         "1.2 (1.1 to 1.3) at 20 degC"),
+    ],
+)  # fmt: skip
+def test_the_first_sentence_is_the_verdict_in_plain_words(kind, changes, first, also):
+    v = verdict(kind, inputs=INPUTS, **changes)
+    lines = describe_verdict(v, catalogue())
+    assert lines[0].startswith(first)
+    assert any(also in line for line in lines)
+    assert not any(PRIVATE_WORDS.search(line) for line in lines)
+    assert all(line.endswith(".") for line in lines)
+    contradictions = [k for k, line in enumerate(lines) if line.startswith("The data contradict a stated input: ")]
+    assert min(contradictions) > 0
+    assert "contact.pressure is stated as 150000 Pa +- 2 %; the data require 165000 +- 3100 Pa, 6.2" in lines[
+        contradictions[0]
+    ]  # fmt: skip
+
+
+def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():
+    held = Held("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, False, "")
+    faint = stated_input("schedule.speed", "contradicted", 3.1, CRITERIA.ln_bayes_hint - 1.0)
+    lines = describe_verdict(verdict("named", inputs=(*INPUTS, faint), held_key=held), catalogue())
+    assert sum("contact.pressure is stated" in line for line in lines) == 1
+    assert not any("schedule.speed" in line for line in lines)
+    lines = describe_verdict(verdict("named", held_key=held), catalogue())
+    assert sum("contact.pressure is stated" in line for line in lines) == 1
+    lines = describe_verdict(verdict("held_key", inputs=INPUTS, held_key=held), catalogue())
+    assert sum("contact.pressure is stated" in line for line in lines) == 1
+
+
+def test_an_error_of_the_set_up_within_usual_limits_has_the_unit_of_its_input():
+    found = (
+        Found("ambient.temperature", -0.4, 0.05, "1", -0.8, "ambient.temperature is 19.6 degC, not 20 degC"),
+        Found("block_length", 0.005, 0.001, "1", 0.5, "the block's length is 25.1 mm"),
+    )
+    lines = describe_verdict(verdict("none_needed", inputs=INPUTS, laboratory=found), catalogue())
+    assert [line for line in lines if line.startswith("The data suggest")] == [
+        "The data suggest that ambient.temperature is 19.6 degC, not 20 degC (+- 0.05 K), which is within usual limits.",
+        "The data suggest that the block's length is 25.1 mm (+- 0.1 %), which is within usual limits.",
+    ]
+
+
+def test_what_cannot_be_as_stated_has_no_number():
+    swapped = Cause("exchanged", "a.nc and b.nc are exchanged", (), 2e6, 0.0, 1.0, ln_bayes=1e6, laboratory=True)
+    lines = describe_verdict(verdict("named", causes=(swapped,)), catalogue())
+    assert lines[0] == (
+        "The set-up differs from what is stated: a.nc and b.nc are exchanged; as stated it is impossible."
+    )
+    html = verdict_report.text(verdict("named", causes=(swapped,), before=(), after=()))
+    assert verdict_report.SETUP_ANSWER["named"] in html
 
 
 @pytest.mark.parametrize(("low", "wide"), [(20.1, 1.2), (20.2, 3.0), (20.4, 5.9), (20.4, 1.5), (20.0, 15.0)])

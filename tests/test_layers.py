@@ -33,8 +33,9 @@ FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
 DISCOVERY = [  # the same inside discovery; modules that lie in no group are shared by all and may import from all
     ["hypotheses"],
     ["estimation"],
+    ["measurement_errors"],
     ["selection"],
-    ["measurement_errors", "diagnostics"],
+    ["diagnostics"],
 ]
 GROUP_FLOOR = {name: floor for floor, names in enumerate(DISCOVERY) for name in names}
 MOST = 15  # entries at the top of flashtemp/

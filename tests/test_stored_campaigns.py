@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from flashtemp.discovery.verdict import Held, Verdict
+
 FILE = Path(__file__).parents[1] / "benchmarks" / "campaigns.py"
 ENGINE = """
 from flashtemp.discovery.verdict import Cause, Estimate, Rival, Verdict
@@ -96,6 +98,15 @@ def test_a_failure_is_recorded_with_its_traceback(judged):
     assert row["verdict"] == "failed"
     assert "ValueError: no such thing" in row["error"]
     assert "stub_engine.py" in row["error"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "freed", "counted"), [("held_key", False, True), ("named", True, True), ("named", False, False)]
+)
+def test_a_stated_number_counts_as_named_where_it_is_the_verdict_or_was_freed(campaigns, kind, freed, counted):
+    key = Held("contact.pressure", 1e5, 1.1e5, 1e3, "Pa", 20.0, freed, "the pressure")
+    found = campaigns.describe_verdict(Verdict("a", kind, (), held_key=key), {})
+    assert found["inputs"] == ["contact.pressure"] * counted
 
 
 def record(kind="single", verdict="named", effects=(), hidden=TILT, **more):

@@ -19,7 +19,7 @@ CAPTIONS = {
     ),
     "not_noise": (
         "Each map is the mean over all frames in units of its noise: noise alone looks like pepper and salt with "
-        "0.3 % of the pixels beyond ±3, a patch of one colour is something that the model does not do."
+        "0.3 % of the pixels beyond ±3, a patch of one colour is something that the model does not reproduce."
     ),
     "missing": (
         "The heat flux that would have to be added at the contact (left) and the pressure that it stands for "
@@ -27,19 +27,18 @@ CAPTIONS = {
         "missing, and grey hides what these data cannot resolve."
     ),
     "why": (
-        "Each bar says how much more probable the data become with that one effect: beyond the dashed line noise "
-        "alone hardly ever gets; at the right, where it is drawn, points of all conditions must agree with the "
-        "band if the cause is the same everywhere."
+        "Each bar shows how much more probable the data become with that one effect; noise alone hardly ever exceeds "
+        "the dashed line. At the right, where it is drawn, points of all conditions must agree with the band if the "
+        "cause is the same everywhere."
     ),
     "else": (
-        "Dark squares are pairs of effects that leave the same trace in these data, so that one can pass "
-        "for the other; points are what was calibrated, in standard deviations from what was known beforehand, "
-        "where beyond ±3 is not plausible."
+        "Dark squares are pairs of effects with the same signature in these data, so that one can be mistaken for the "
+        "other. Points are calibrated parameters, in standard deviations from prior knowledge; beyond ±3 they are not "
+        "plausible."
     ),
     "gained": (
-        "Squares to dots: how the differences shrink once the cause is in the model; bars away from zero show "
-        "which calibrated parameters had been wrong to make up for it; below, where anything was left out, a "
-        "prediction of it."
+        "Squares to dots: how the differences shrink once the cause is in the model. Bars away from zero show which "
+        "calibrated parameters were biased without it. Below, where data were left out, their prediction."
     ),
 }
 ABSENT = {

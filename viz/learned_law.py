@@ -9,8 +9,8 @@ from flashtemp.viz import html, theme
 from flashtemp.viz.numbers import number
 
 CAPTION = (
-    "The law that was learned, with the band in which it lies in 95 of 100 such cases; points are the nodes of "
-    "learned.py, between which it is a line, a pressure brought to a mean of 1; the thin line is what the case says."
+    "The learned law with its 95 % band. Points are the nodes of learned.py, with straight lines between them; a "
+    "pressure is scaled to a mean of 1. The thin line is the case as stated."
 )
 
 

@@ -67,7 +67,7 @@ def needed(r: Rival) -> str:
 def scored(r: Rival) -> tuple[str, str]:
     """The ln Bayes factor and what it rests on."""
     if r.refitted or r.stderr > 0:
-        return number(r.score), "full fit" if r.refitted else "trace"
+        return number(r.score), "full fit" if r.refitted else "sensitivities"
     return "–", "not tried"
 
 

@@ -1,4 +1,4 @@
-"""One HTML file about a verdict: the answer, one picture, then the rest with a list of it."""
+"""One HTML file about a verdict: the answer, one picture, a list of contents, then everything else."""
 
 from __future__ import annotations
 
@@ -6,47 +6,56 @@ import math
 from html import escape
 from pathlib import Path
 
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.showing import whole_file
 from flashtemp.viz import html, verdict_tables
 from flashtemp.viz.numbers import needed, number, ratio, spoken
 
-LISTED = 12  # things to look at again
-ALARM = 8.0  # ln Bayes factor below which nothing is claimed
-LITTLE = 0.005  # share of the root mean square difference that three digits do not show
+MAX_LISTED = 12  # things to check
+MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference that three digits do not show
 ANSWER = {
-    "named": ("The cause is named", "good"),
-    "learned": ("A law was learned that is not in the catalogue", "good"),
-    "held_key": ("A key of the case is not what it was held to be", "near"),
-    "weak": ("A cause is likely, but the evidence is weak", "near"),
-    "group": ("Something is missing; these data cannot tell which of several causes it is", "near"),
+    "named": ("The missing effect is identified", "good"),
+    "learned": ("A law outside the catalogue is learned from the data", "good"),
+    "held_key": ("A stated input differs from what the data require", "near"),
+    "weak": ("A missing effect is likely, but the evidence is weak", "near"),
+    "group": ("An effect is missing; these data cannot distinguish which of several", "near"),
     "none_needed": ("No extension is needed", "good"),
     "unexplained": ("Something is missing, and nothing in the catalogue explains it", "bad"),
-    "no_verdict": ("No verdict: the calibration cannot be relied on", "bad"),
+    "no_verdict": ("No verdict: the calibration is not reliable", "bad"),
 }
+SETUP_ANSWER = {  # where no effect is missing
+    "named": "The set-up differs from what is stated",
+    "group": "The set-up differs from what is stated; these data cannot distinguish how",
+}
+ODDS_NAMED = float(f"{math.exp(CRITERIA.ln_bayes_named):.1g}")
 READING = (
-    ("Base", "The model as it was believed, its uncertain parameters calibrated to these data."),
+    ("Base", "The model as stated, with its uncertain parameters calibrated to these data."),
     ("Extended", "The base with the accepted causes, calibrated again."),
     (
         "ln Bayes factor",
-        "How much more probable the data are with the effect than without it, as a natural logarithm, after "
-        f"everything that calibration could absorb has been taken away. {ALARM:g} means about 3000 times; below that "
-        "nothing is claimed.",
+        "Natural logarithm of the ratio of two probabilities: that of the data with the effect, and that without it. "
+        f"Calibration has taken what it can in both. From {CRITERIA.ln_bayes_named:g}, a ratio of about "
+        f"{ODDS_NAMED:g}, a cause is identified; from {CRITERIA.ln_bayes_hint:g} it is reported as a hint.",
     ),
-    ("95 % interval", "Range that holds the true value in 19 of 20 such campaigns, if the model is right otherwise."),
-    ("Distinctness", "How far the trace of an effect differs from all others: 0 the same, 1 nothing in common."),
+    ("95 % interval", "Range that contains the true value in 19 of 20 such campaigns, if the model is right."),
+    ("Distinctness", "Difference between the signature of an effect and all others: 0 the same, 1 nothing in common."),
     (
-        "Full fit, trace",
-        "A full fit simulates the effect; a trace foretells from small changes what it would find.",
+        "Full fit, sensitivities",
+        "A full fit simulates the effect. Its sensitivities, from small changes, predict the result of a full fit.",
     ),
     (
-        "Left out",
-        "Recordings that no fit has seen, or each condition foretold from the others. A gain there cannot come from "
-        "a model that merely bends more.",
+        "Left-out data",
+        "Recordings that no fit has used, or each condition predicted from the others. A model that is only more "
+        "flexible does not predict them better.",
     ),
-    ("Detectable", "The amplitude that would have stood out by 5 sigma. A smaller one may be there unseen."),
-    ("p", "Share of simulated campaigns with nothing but noise in which the same test comes out at least as large."),
-    ("chi2/dof", "Mean square of the differences in units of noise: 1 where noise explains everything."),
+    ("Detectable", "The amplitude that these data would show at 5 sigma. A smaller one may be present unnoticed."),
+    ("p", "Fraction of simulated data sets with nothing but noise in which the test result is at least as extreme."),
+    ("chi2/dof", "Mean square of the differences in units of the noise: 1 where noise explains everything."),
+    (
+        "Standard deviations away",
+        "Difference between a stated input and the value from the data alone, over both uncertainties together.",
+    ),
 )
 MORE = """
 .answer { font-size: 1.25rem; font-weight: 600; } .verdict .says { margin: .5rem 0; }
@@ -67,9 +76,8 @@ def write(verdict: Verdict, path) -> Path:
 def text(verdict: Verdict) -> str:
     """The whole text of the HTML file."""
     title = f"What the model is missing: {verdict.title}"
-    sections = [*_pictures(verdict), *_rest(verdict)] if _whole(verdict) else _rest(verdict)
-    first = sections[:1] if _whole(verdict) else []
-    more = sections[len(first) :]
+    pictures = _pictures(verdict) if _whole(verdict) else []
+    first, more = pictures[:1], [*_reasons(verdict), *pictures[1:], *_rest(verdict)]
     body = [f"<h1>{escape(title)}</h1>", *_answer(verdict), *_laid(first)]
     body.append(html.contents([(mark, head) for mark, head, _ in more]))
     return html.whole(title, [*body, *_laid(more)], MORE)
@@ -95,13 +103,13 @@ def _answer(v: Verdict) -> list[str]:
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
     out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
     if v.kind == "no_verdict":
-        known = "Nothing is known yet: no picture is shown." if v.base is None else "What follows is as far as it came."
-        return [*out, html.paragraph(f"No cause can be named before it is mended. {known}")]
+        known = "There are no results to show." if v.base is None else "The sections below show the results so far."
+        return [*out, html.paragraph(f"No cause can be identified until the calibration converges. {known}")]
     out.append('<div class="key">')
     for cause in v.causes:
         out += _cause(cause)
     if v.group:
-        out.append(f"<p>Cannot be told apart: <b>{escape(', '.join(spoken(g) for g in v.group))}</b>.</p>")
+        out.append(f"<p>Not distinguishable: <b>{escape(', '.join(spoken(g) for g in v.group))}</b>.</p>")
         some = [r for r in v.rivals if r.effect in v.group]
         rows = [[spoken(r.effect), needed(r), number(r.score), f"{r.distinctness:.2f}"] for r in some]
         out += [html.table(["effect", "would need", "ln Bayes factor", "distinctness"], rows)] if rows else []
@@ -112,24 +120,25 @@ def _answer(v: Verdict) -> list[str]:
 def _graded(v: Verdict) -> tuple[str, str]:
     """The answer and its colour; nothing is green that hardly changes what is computed."""
     words, grade = ANSWER[v.kind]
-    if v.kind == "named" and len(v.causes) > 1:
-        words = f"{len(v.causes)} causes are named"
-    elif v.kind == "named" and v.causes and v.causes[0].laboratory:
-        words = "An error of the laboratory is named"
+    effects = [c for c in v.causes if not c.laboratory]
+    if not effects and any(c.laboratory for c in v.causes):
+        words = SETUP_ANSWER.get(v.kind, words)
+    elif v.kind == "named" and len(effects) > 1:
+        words = f"{len(effects)} missing effects are identified"
     if v.kind in ("named", "learned") and _little(v):
         return f"{words}, but it hardly changes what is computed", "near"
     return words, grade
 
 
 def _little(v: Verdict) -> bool:
-    """Whether the gain rounds to nothing: in all that was fitted, in means over frames and in what was left out."""
+    """Whether the gain rounds to nothing: in all that was fitted, in means over frames and in left-out data."""
     if v.base is None or v.extended is None:
         return False
     pairs = [
         (getattr(v.base, key), getattr(v.extended, key))
         for key in ("rmse_K", "mean_map_rmse_K", "near_contact_rmse_K", "held_out_rmse_K")
     ]
-    return all(not b - e > LITTLE * b for b, e in pairs if math.isfinite(b) and math.isfinite(e))
+    return all(not b - e > MIN_VISIBLE_GAIN * b for b, e in pairs if math.isfinite(b) and math.isfinite(e))
 
 
 def _cause(c: Cause) -> list[str]:
@@ -147,14 +156,14 @@ def _gain(v: Verdict) -> list[str]:
     b, e = v.base, v.extended
     if e is None:
         line = f"The base leaves {number(b.rmse_K)} K root mean square (chi2/dof {ratio(b.chi2_per_dof)})"
-        held = f"; {number(b.held_out_rmse_K)} K on what was left out" if math.isfinite(b.held_out_rmse_K) else ""
-        return [f"{line}{held}."]
-    line = f"What it gains: the differences, noise included, {_from(b.rmse_K, e.rmse_K)} root mean square"
+        left_out = f"; {number(b.held_out_rmse_K)} K on left-out data" if math.isfinite(b.held_out_rmse_K) else ""
+        return [f"{line}{left_out}."]
+    line = f"What the extension gains: the differences, noise included, {_from(b.rmse_K, e.rmse_K)} root mean square"
     line += f" (chi2/dof {ratio(b.chi2_per_dof)} to {ratio(e.chi2_per_dof)})"
     if math.isfinite(b.near_contact_rmse_K) and math.isfinite(e.near_contact_rmse_K):
         line += f", their means over frames near the contact {_from(b.near_contact_rmse_K, e.near_contact_rmse_K)}"
     if math.isfinite(b.held_out_rmse_K) and math.isfinite(e.held_out_rmse_K):
-        line += f", on what no fit has seen they {_from(b.held_out_rmse_K, e.held_out_rmse_K)}"
+        line += f", those of left-out data {_from(b.held_out_rmse_K, e.held_out_rmse_K)}"
     return [*_changed(v), f"{line}."]
 
 
@@ -171,15 +180,25 @@ def _changed(v: Verdict) -> list[str]:
         return []
     size = f"{number(v.gain['changed_K'])} K root mean square ({number(100 * v.gain['share'])} % of its rise)"
     line = (
-        f"What it changes: with everything calibrated again, {v.gain['file']} by {size}, more than any other recording"
+        f"What the extension changes, everything calibrated again: {v.gain['file']} by {size}, more than any other "
+        "recording"
     )
     pull = v.gain.get("friction", 0.0)
     return [f"{line}; the friction of a trace by {number(100 * pull)} %." if pull >= 1e-3 else f"{line}."]
 
 
 # --- sections ---------------------------------------------------------------------------------------
+def _reasons(v: Verdict) -> list[Section]:
+    """Why the verdict is what it is, and which stated inputs the data question."""
+    some: list[Section] = [
+        ("rules", "Why this verdict", verdict_tables.rules(v)),
+        ("inputs", "Inputs that the data question", verdict_tables.inputs(v)),
+    ]
+    return [section for section in some if section[2]]
+
+
 def _pictures(v: Verdict) -> list[Section]:
-    """Sections with a picture or a word why there is none, and tables; a law that was learned first."""
+    """Sections with a picture or the reason why there is none, and tables; a learned law first."""
     from flashtemp.viz import discovery, in_words, learned_law, verdict_parts
 
     figures = discovery.figures(v)
@@ -205,28 +224,28 @@ def _chosen(v: Verdict) -> list[str]:
 
 
 def _rest(v: Verdict) -> list[Section]:
-    """What to do next, and what the verdict rests on."""
+    """What to do next, and details that the verdict rests on."""
     whole = _whole(v)
     warned = (
         ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"] if v.warnings else [html.paragraph("None.")]
     )
     spent = [html.paragraph(f"Computed in {number(v.seconds)} s.", "small")] if v.seconds else []
     some: list[Section] = [
-        ("again", "What to look at again", _look(v)),
+        ("again", "What to check in the set-up", _set_up_checks(v)),
         ("next", "What to measure next", [html.paragraph(v.next_experiment)] if v.next_experiment else []),
         ("warnings", "Warnings", warned),
-        ("checked", "What was checked before the answer was given", verdict_tables.gates(v)),
-        ("known", "What was known, and what calibration made of it", verdict_tables.known(v) if whole else []),
-        ("unseen", "Smallest amplitudes that would have been seen", verdict_tables.unseen(v) if whole else []),
-        ("certificate", "Certificate of convergence", [*verdict_tables.certificate(v), *spent]),
-        ("reading", "How to read this", [html.terms(READING)] if whole else []),
+        ("checked", "Adequacy tests", verdict_tables.gates(v)),
+        ("known", "Prior knowledge and calibrated numbers", verdict_tables.known(v) if whole else []),
+        ("unseen", "Detection limits", verdict_tables.unseen(v) if whole else []),
+        ("certificate", "Convergence of the calibration", [*verdict_tables.certificate(v), *spent]),
+        ("reading", "Terms", [html.terms(READING)] if whole else []),
     ]
     return [section for section in some if section[2]]
 
 
-def _look(v: Verdict) -> list[str]:
-    """What to look at again in the laboratory and in the case, what would explain most first."""
+def _set_up_checks(v: Verdict) -> list[str]:
+    """What to check in the set-up and in the case, what would explain most first."""
     if not v.checklist:
         return []
-    rows = [[c.sort, c.words, number(c.ln_bayes)] for c in v.checklist[:LISTED]]
-    return [html.table(["", "if it were so that", "it would explain (ln Bayes factor)"], rows)]
+    rows = [[c.sort, c.words, number(c.ln_bayes)] for c in v.checklist[:MAX_LISTED]]
+    return [html.table(["", "hypothesis", "would explain (ln Bayes factor)"], rows)]

@@ -1,13 +1,13 @@
-"""Tables of a verdict's report: tests, candidates, gains, what was known; what is long is folded."""
+"""Tables of a verdict's report: rules, inputs, tests, candidates, gains, prior knowledge; long ones are folded."""
 
 from __future__ import annotations
 
 import math
 
-from flashtemp.discovery.verdict import Rival, Verdict
-from flashtemp.discovery.wording import gate
+from flashtemp.discovery.diagnostics.verdict_sentences import describe_rule, explain_uncertainty
+from flashtemp.discovery.verdict import InputResult, Rival, RuleResult, Verdict
 from flashtemp.showing import several
-from flashtemp.viz import html, verdict_parts
+from flashtemp.viz import html, key_words, verdict_parts
 from flashtemp.viz.numbers import (
     after,
     chance,
@@ -22,17 +22,73 @@ from flashtemp.viz.numbers import (
     spoken,
 )
 
-TOLD = 1.0  # standard deviations of what was known, from which a nuisance is not folded
+MIN_PULL_OPEN = 1.0  # prior standard deviations, from which a calibrated number is not folded
 FITNESS = (
     ("rmse_K", "root mean square difference, noise included (K)"), ("mean_map_rmse_K", "of means over frames (K)"),
     ("near_contact_rmse_K", "of means over frames, near the contact (K)"), ("chi2_per_dof", "chi2/dof (–)"),
-    ("held_out_rmse_K", "data left out (K)"), ("held_out_z", "data left out, in sigma (–)"),
+    ("held_out_rmse_K", "left-out data (K)"), ("held_out_z", "left-out data, in sigma (–)"),
 )  # fmt: skip
+
+
+# --- why this verdict -------------------------------------------------------------------------------
+def rules(v: Verdict) -> list[str]:
+    """Every rule that led to the verdict, with what follows where one did not pass; why it is not more certain."""
+    if not v.rules:
+        return []
+    rows = [_rule(r) for r in v.rules]
+    head = ["what was asked", "measured by", "value", "limit", "result"]
+    uncertain = explain_uncertainty(v)
+    return [html.table(head, rows), *([html.paragraph(uncertain)] if uncertain else [])]
+
+
+def _rule(r: RuleResult) -> list[str]:
+    words = describe_rule(r.name)
+    result = "passed" if r.passed else words.fails or r.consequence
+    if not words.measured_by:  # a yes or no, without a number
+        return [words.passes, "–", "–", "–", result]
+    limit = f"{'≤' if words.is_upper else '≥'} {number(r.limit)}"
+    return [words.passes, words.measured_by, number(r.value + 0.0), limit, result]  # no negative zero
+
+
+# --- inputs that the data question ------------------------------------------------------------------
+def inputs(v: Verdict) -> list[str]:
+    """Stated inputs: those that the data contradict, those that agree, those that the data cannot check or separate."""
+    if not v.inputs:
+        return []
+    contradicted = sorted((i for i in v.inputs if i.verdict == "contradicted"), key=lambda i: -i.ln_bayes)
+    consistent = sorted((i for i in v.inputs if i.verdict == "consistent"), key=lambda i: -abs(i.pull))
+    unchecked = [i.key for i in v.inputs if i.verdict == "not checkable"]
+    out = [_inputs_table(contradicted)] if contradicted else [html.paragraph("The data contradict no stated input.")]
+    if consistent:
+        out.append(html.fold(f"{several(len(consistent), 'stated input')} consistent with the data",
+                             [_inputs_table(consistent)]))  # fmt: skip
+    if unchecked:
+        out.append(html.paragraph(f"These data cannot check: {', '.join(unchecked)}."))
+    if v.inputs_told_together:
+        groups = "; ".join(" and ".join(group) for group in v.inputs_told_together)
+        out.append(html.paragraph(f"These data cannot distinguish from each other: {groups}."))
+    return out
+
+
+def _inputs_table(some: list[InputResult]) -> str:
+    head = ["stated input", "key", "stated", "known to", "the data want", "standard deviations away", "ln Bayes factor"]
+    return html.table(head, [_input(i) for i in some])
+
+
+def _input(i: InputResult) -> list[str]:
+    words = key_words.spoken(i.key, i.unit)
+    unit = f" {words.unit}" if words.unit else ""
+    sd = f"{number(100 * i.sd)} %" if i.relative else number(i.sd) + after("K" if i.unit == "degC" else i.unit)
+    data = plus_minus(words.factor * i.estimate, words.factor * i.stderr, "1")
+    return [
+        i.words, i.key, f"{number(words.factor * i.stated)}{unit}", f"{sd}, {i.source}", f"{data}{unit}",
+        number(abs(i.pull)), number(i.ln_bayes),
+    ]  # fmt: skip
 
 
 # --- is it noise ------------------------------------------------------------------------------------
 def noise(v: Verdict) -> list[str]:
-    """What maps and tests say of the very data that the maps show, in sentences; the tests in a fold."""
+    """What maps and tests show about the same data, in sentences; the tests in a fold."""
     out = [html.paragraph(line) for line in (*_maps(v), *_counted(v))]
     if not v.tests:
         return [*out, html.paragraph("No tests for structure were run.", "small")]
@@ -65,10 +121,10 @@ def _counted(v: Verdict) -> list[str]:
         some = [t for t in v.tests if t.stage == stage]
         if some:
             count, found = verdict_parts.structure(some)
-            told = "that is structure, not noise" if found else "noise alone may do as much"
+            meaning = "that is structure, not noise" if found else "noise alone may do as much"
             out.append(
-                f"Of what the {model} leaves, {count} of {len(some)} tests find what noise shows in 1 % of simulated "
-                f"data or less: {told}."
+                f"In the residuals of the {model}, {count} of {len(some)} tests find structure that noise shows in at "
+                f"most 1 % of simulated data: {meaning}."
             )
     return out
 
@@ -94,7 +150,7 @@ def rivals(v: Verdict) -> list[str]:
 
 
 def _candidates(some: list[Rival]) -> str:
-    head = ["candidate", "would need", "ln Bayes factor", "by", "accepted causes keep", "distinctness", "why not"]
+    head = ["candidate", "would need", "ln Bayes factor", "by", "below the accepted", "distinctness", "why not"]
     rows = [
         [
             spoken(r.effect), needed(r), *scored(r),
@@ -118,7 +174,7 @@ def before_after(v: Verdict) -> list[str]:
         rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
         out.append(html.table(["", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
-        gain = f"{spoken(c.effect)}: the data left out become more probable by {number(c.held_out_gain)} (ln)"
+        gain = f"{spoken(c.effect)}: left-out data become more probable by {number(c.held_out_gain)} (ln)"
         out.append(html.paragraph(f"{gain}; chi2 lower by {number(c.delta_chi2)}.", "small"))
     if v.shifts:
         rows = [[n, number(b), number(a), number(s)] for n, b, a, s in v.shifts]
@@ -128,58 +184,58 @@ def before_after(v: Verdict) -> list[str]:
 
 # --- what it rests on -----------------------------------------------------------------------------------
 def known(v: Verdict) -> list[str]:
-    """What was taken as known beforehand, and what calibration made of it."""
+    """Prior knowledge, and the calibrated numbers against it."""
     out = []
     if v.assumed:
         rows = [[n, number(s)] for n, s in v.assumed.items()]
-        table = html.table(["quantity", "standard deviation of what was known"], rows)
-        out.append(html.fold("What was assumed known; without a unit: relative", [table]))
-    else:
-        out.append(html.paragraph("No prior knowledge was stated with this verdict."))
-    away = [p for p in v.nuisance if abs(p.pull) >= TOLD]
+        table = html.table(["quantity", "prior standard deviation"], rows)
+        out.append(html.fold("Assumed prior knowledge; without a unit: relative", [table]))
+    away = [p for p in v.nuisance if abs(p.pull) >= MIN_PULL_OPEN]
     for some, fold in ((away, False), ([p for p in v.nuisance if p not in away], True)):
         rows = [[p.name, plus_minus(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in some]
-        table = html.table(["calibrated", "value ± standard error", "pull in sigma of what was known"], rows)
-        title = f"{len(some)} calibrated numbers within one sigma of what was known"
+        table = html.table(["calibrated", "value ± standard error", "deviation in prior sigma"], rows)
+        title = f"{len(some)} calibrated numbers within one prior sigma"
         out += [html.fold(title, [table]) if fold else table] if some else []
     return out
 
 
 def unseen(v: Verdict) -> list[str]:
-    """The smallest amplitudes that would have been seen."""
+    """The smallest amplitudes that these data would show."""
     some = [r for r in v.rivals if math.isfinite(r.detectable)]
     if not some:
         return [html.paragraph("They were not computed.")]
     rows = [
         [spoken(r.effect), r.parameter or "amplitude", detectable(r), f"{number(100 * r.raw_share)} %"] for r in some
     ]
-    head = ["effect", "parameter", "detectable at 5 sigma", "share of its signal that is left"]
+    head = ["effect", "parameter", "detectable at 5 sigma", "signal left by calibration"]
     return [
-        html.paragraph("Smaller ones may be there: these data would not show them by 5 sigma."),
+        html.paragraph("Smaller amplitudes may be present: these data would not show them at 5 sigma."),
         html.fold(f"{len(rows)} effects", [html.table(head, rows)]),
     ]
 
 
 def gates(v: Verdict) -> list[str]:
-    """What was checked for adequacy, in plain words."""
-    rows = []
-    for key, (value, limit) in v.gates.items():
-        question, measure, _ = gate(key)
-        rows.append([question, measure, number(value), number(limit), "no" if value > limit else "yes"])
-    return [html.table(["what was checked", "measured by", "found", "limit", "passed"], rows)] if rows else []
+    """Adequacy tests that are not among the rules of the verdict."""
+    shown, rows = {r.name for r in v.rules}, []
+    for name, (value, limit) in v.gates.items():
+        if name not in shown:
+            words = describe_rule(name)
+            passed = "no" if value > limit else "yes"
+            rows.append([words.passes, words.measured_by, number(value), number(limit), passed])
+    return [html.table(["what was checked", "measured by", "value", "limit", "passed"], rows)] if rows else []
 
 
 def certificate(v: Verdict) -> list[str]:
-    """How far the calibration is to be trusted."""
+    """Whether the calibration converged."""
     if not v.certificate:
-        return [html.paragraph("None was issued.")]
+        return [html.paragraph("Nothing is known about the convergence of the calibration.")]
     rows = [[spoken(k), plain(value)] for k, value in flat(v.certificate)]
     table = html.table(["calibration", ""], rows)
     done = v.certificate.get("converged")
     if done is None:
         return [table]
-    words = "converged: another step would move nothing that matters" if done else "did not converge"
-    return [html.paragraph(f"The calibration {words}."), html.fold("Its steps", [table])]
+    words = "converged: another step would change nothing of importance" if done else "did not converge"
+    return [html.paragraph(f"The calibration {words}."), html.fold("Steps of the calibration", [table])]
 
 
 def parameters(c) -> list[str]:

@@ -15,10 +15,13 @@ UNCOOLED, COOLED = "uncooled", "cooled"
 
 @dataclass(frozen=True)
 class CameraErrors:
-    """Standard deviations: `level_K` of the offset after each flat-field correction, `drift_K_per_sqrt_s` of its Wiener
-    process between them, `warm_up_K` of a steady drift over a whole recording (tenths of a kelvin while an uncooled camera
-    warms up: Minkina & Dudzik, section 3.5), `map_K` of a smooth static offset over the image, `gain_map` of a smooth static gain,
-    `smear_s` of a pixel's response time, `halo` of the fraction of light that goes astray over a tenth of the image."""
+    """Standard deviations of what a camera does.
+
+    `level_K` of the offset after each flat-field correction, `drift_K_per_sqrt_s` of its Wiener process between them,
+    `warm_up_K` of a steady drift over a whole recording (tenths of a kelvin while an uncooled camera warms up), `map_K`
+    of a smooth static offset over the image, `gain_map` of a smooth static gain, `smear_s` of a pixel's response time,
+    `halo` of the fraction of light that goes astray over a tenth of the image.
+    """
 
     level_K: float
     drift_K_per_sqrt_s: float

@@ -97,7 +97,7 @@ class Criteria:
         "usual sizes are known to a factor of two",
     )  # fmt: skip
     condition_scatter: float = _number(
-        1e-4, "probability", "of so much scatter of an amplitude between conditions, below which its law is another one",
+        1e-4, "probability", "of such scatter of an amplitude between conditions, below which its law is another one",
         "1 in 10,000 for a handful of parameters",
     )  # fmt: skip
     # --- inputs and recordings -------------------------------------------------------------------------------------

@@ -54,8 +54,8 @@ class Evidence:
     the calibrated base and `ln_bayes_discrepancy`, the same where the model's own error is as large as it may be;
     `heldout_gain` in ln probability of left-out data (None where there are none).  `alternatives` of the same number of
     effects; `unresolved` {effects: ln Bayes factor} that scores speak for and no full fit judged, or whose fits did not
-    end and yet explain more.  `setup_errors`, `recording_errors` and the `contradicted_input` by name, with `setup_alternatives` that explain as much
-    as the first of them.  Of a learned
+    end and yet explain more.  `setup_errors`, `recording_errors` and the `contradicted_input` by
+    name, with `setup_alternatives` that explain as much as the first of them.  Of a learned
     law the fraction of the excess misfit of left-out data that it leaves.
     """
 
@@ -207,7 +207,7 @@ def _rules_of_a_cause(e: Evidence, criteria: Criteria) -> Iterator[Rule]:
         fine = e.size.change_K >= e.size.mesh_error_K or e.size.friction_fraction >= criteria.visible_fraction
         yield Rule(
             "the mesh resolves it", e.size.change_K, e.size.mesh_error_K, fine,
-            f"it changes {1e3 * e.size.change_K:.2g} mK rms, and the mesh may err by {1e3 * e.size.mesh_error_K:.2g} mK: "
+            f"it changes {1e3 * e.size.change_K:.2g} mK rms, the mesh may err by {1e3 * e.size.mesh_error_K:.2g} mK: "
             "take a finer one (numerics.mesh)",
         )  # fmt: skip
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from flashtemp.comparison.campaign import Campaign
-from flashtemp.discovery import experiment_design, missing_heat, wording
+from flashtemp.discovery import experiment_design, missing_heat
 from flashtemp.discovery.camera_sizes import camera_sizes
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import Alternative, Decision, Evidence, decide
-from flashtemp.discovery.diagnostics import description
+from flashtemp.discovery.diagnostics import description, verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, residual_structure_tests
 from flashtemp.discovery.diagnostics.cross_validation import (
     CrossValidation,
@@ -134,9 +134,12 @@ def with_law(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, S
     if found is None:
         return verdict, search
     judged = judge(found.search, watch, found)
-    if judged.kind != "learned":
-        return replace(verdict, law=found.to_report()), search
-    return replace(judged, law=found.to_report()), found.search
+    if judged.kind == "learned":
+        verdict, search = judged, found.search
+    else:
+        verdict = replace(verdict, rules=(*verdict.rules, *judged.rules))
+    verdict = replace(verdict, law=found.to_report())
+    return replace(verdict, says=verdict_sentences.describe_verdict(verdict, search.problem.case.known)), search
 
 
 def coarser_predictions(problem: Problem) -> list[list[Prediction]]:
@@ -337,14 +340,13 @@ def describe(
         gain=_gain(change, base, extended) if causes else None,
         not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
         certain=tuple(c.effect for c in causes if c.effect not in decision.group) if kind == "group" else (),
-        laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA) and not e.is_input),
+        laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA)),
         held_key=_held_key(inputs, unusual) if kind in ("held_key", "group", "named") else None,
         rules=tuple(RuleResult(**asdict(r)) for r in decision.rules),
         inputs=tuple(map(_input_result, inputs.checks)),
         inputs_told_together=inputs.groups,
     )  # fmt: skip
-    says = wording.says(verdict, problem.case.known)
-    return replace(verdict, says=(*says, *(c.words for c in inputs.contradicted[:3])))
+    return replace(verdict, says=verdict_sentences.describe_verdict(verdict, problem.case.known))
 
 
 def _recording_cause(e: RecordingError) -> Cause:
@@ -369,12 +371,15 @@ def _setup_cause(e: SetupError) -> Cause:
     where = e.parameter.file or e.parameter.name
     ends = (e.value - 1.96 * sd, e.value + 1.96 * sd)
     estimate = Estimate(f"{e.name}.{where}", e.value, sd, ends, e.unit)
-    words = e.words + (f" (or {'; or '.join(w for _, w in e.alternatives)})" if e.alternatives else "")
-    return Cause(e.name, words, (estimate,), e.pull**2, 0.0, 1.0, ln_bayes=e.ln_bayes, laboratory=True)
+    return Cause(e.name, _with_alternatives(e), (estimate,), e.pull**2, 0.0, 1.0, ln_bayes=e.ln_bayes, laboratory=True)
 
 
 def _found(e: SetupError) -> Found:
-    return Found(e.name, e.value, e.stderr, e.unit, e.pull, e.words)
+    return Found(e.name, e.value, e.stderr, e.unit, e.pull, _with_alternatives(e))
+
+
+def _with_alternatives(e: SetupError) -> str:
+    return e.words + (f" (or {'; or '.join(w for _, w in e.alternatives)})" if e.alternatives else "")
 
 
 def _input_result(c: InputCheck) -> InputResult:
@@ -419,14 +424,15 @@ def _gain(change: LargestChange | None, base: ModelAssessment, extended: ModelAs
     size = change.size
     return {
         "file": change.file, "changed_K": size.change_K, "share": size.rise_fraction,
-        "friction": size.friction_fraction, "numerics_K": size.mesh_error_K, "left_out_K": (base.left_out.rmse_K, extended.left_out.rmse_K),
+        "friction": size.friction_fraction, "numerics_K": size.mesh_error_K,
+        "left_out_K": (base.left_out.rmse_K, extended.left_out.rmse_K),
     }  # fmt: skip
 
 
 def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     problem = search.problem
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
-    out += [wording.taken(file, names) for file, names in problem.untold.items()]
+    out += [verdict_sentences.describe_assumed_optics(file, names) for file, names in problem.untold.items()]
     out += camera_sizes(search.data, final)  # type: ignore[arg-type]
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:

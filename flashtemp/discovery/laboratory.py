@@ -122,5 +122,5 @@ def words(problem: Problem, p: ParameterId, value: float) -> str:
     side = p.name.rpartition(".")[2]
     return (
         f"the block's {side} is {1e3 * told * (1.0 + value):.4g} mm, {100.0 * abs(value):.2g} % "
-        f"{'more' if value > 0 else 'less'} than told"
+        f"{'more' if value > 0 else 'less'} than stated"
     )

@@ -15,12 +15,13 @@ import numpy as np
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
 from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME, PiecewiseLinearLaw, candidate_laws
 from flashtemp.discovery.hypothesis import Candidate, candidates
-from flashtemp.discovery.linear_gaussian import Array, Solution, System
+from flashtemp.discovery.linear_gaussian import Array, System
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, Prediction
 from flashtemp.discovery.problem import Problem
@@ -193,29 +194,43 @@ def score_laws(search: Search, laws: Sequence[PiecewiseLinearLaw]) -> tuple[Scor
 
 
 def _score_law(problem: Problem, fit: Fit, plain: float, law: PiecewiseLinearLaw, c: Candidate) -> ScoredLaw:
-    """A law at that width of its prior which has the largest evidence."""
-    found = []
-    for width in RELATIVE_WIDTHS:
-        nodes, solution = _solve_within_bounds(problem, fit, law, c, width * law.quantity.typical_size)
-        gain = solution.ln_evidence - plain - np.log(len(RELATIVE_WIDTHS))
-        values = tuple(solution[p] if p in nodes else 0.0 for p in c.columns())
-        found.append(ScoredLaw(law, width, float(gain), values))
-    return max(found, key=lambda s: s.ln_bayes)
+    """A law at that width of its prior which has the largest evidence, given the other hyperparameters."""
+    columns = [p for p in c.columns() if p in fit.system.index]
+    nodes, found = _solve_within_bounds(problem, fit, law, columns, 1.0)
+    width = _likeliest_width(problem, fit, law, nodes, found.hyper)
+    nodes, found = _solve_within_bounds(problem, fit, law, columns, width)
+    gain = found.solution.ln_evidence - plain - np.log(len(RELATIVE_WIDTHS))
+    values = tuple(found.solution[p] if p in nodes else 0.0 for p in c.columns())
+    return ScoredLaw(law, width, float(gain), values)
+
+
+def _likeliest_width(
+    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, nodes: Sequence[ParameterId], hyper: Hyperparameters
+) -> float:
+    """The relative width of the prior of some nodes that has the largest evidence at given hyperparameters."""
+    own = _own_effects(fit)
+
+    def evidence(width: float) -> float:
+        more = own | {p: (0.0, width * law.quantity.typical_size) for p in nodes}
+        priors = at_hyperparameters(problem, fit.system, fit.model, hyper, more)
+        return fit.system.solve(priors, fit.equations).ln_evidence
+
+    return max(RELATIVE_WIDTHS, key=evidence)
 
 
 def _solve_within_bounds(
-    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, c: Candidate, sd: float
-) -> tuple[list[ParameterId], Solution]:
+    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, columns: Sequence[ParameterId], width: float
+) -> tuple[list[ParameterId], Estimated]:
     """The linearised fit with those nodes of a law free whose values are possible; others stay off."""
     low, high = law.quantity.lower_bound, law.quantity.upper_bound
-    nodes = [p for p in c.columns() if p in fit.system.index]
+    nodes = list(columns)
     while True:
-        priors = {p: (0.0, sd) for p in nodes}
-        solution = fit.solved(problem, _own_effects(fit) | priors, fit.equations).solution
-        outside = [p for p in nodes if not low <= solution[p] <= high]
+        priors = {p: (0.0, width * law.quantity.typical_size) for p in nodes}
+        found = fit.solved(problem, _own_effects(fit) | priors, fit.equations)
+        outside = [p for p in nodes if not low <= found.solution[p] <= high]
         if not outside:
-            return nodes, solution
-        nodes.remove(max(outside, key=lambda p: abs(solution[p])))
+            return nodes, found
+        nodes.remove(max(outside, key=lambda p: abs(found.solution[p])))
 
 
 def shortlist(scored: Sequence[ScoredLaw]) -> list[ScoredLaw]:

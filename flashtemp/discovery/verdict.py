@@ -14,6 +14,7 @@ from flashtemp.showing import Sheet, Shown
 Array = npt.NDArray[np.float64]
 SCHEMA = "flashtemp.verdict/1"
 KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
+MAX_NAMED_INPUTS = 6  # inputs that the data cannot check, named in the text; more are only counted
 DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 
 
@@ -44,7 +45,7 @@ class Cause:
     in ln probability of all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing
     in common), `z` its signal to noise after projection, `raw_share` the share of its signal that calibration cannot
     absorb; `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them;
-    `laboratory`: an error of the laboratory, which was put right, no physics.
+    `laboratory`: an error of the set-up or of a recording, which was corrected, no physics.
     """
 
     effect: str
@@ -206,8 +207,10 @@ class Missing:
 
 @dataclass(frozen=True)
 class RuleResult:
-    """One rule on the way to the verdict: what was asked, `value` against `limit`, whether it `passed`, and what follows
-    where it did not."""
+    """One rule on the way to the verdict: what was asked, `value` against `limit`, whether it `passed`.
+
+    `consequence`: what follows where it did not.
+    """
 
     name: str
     value: float
@@ -218,9 +221,12 @@ class RuleResult:
 
 @dataclass(frozen=True)
 class InputResult:
-    """A stated number of case or set-up against the data: `stated` in `unit` with the standard deviation `sd` of what is
-    known (relative where `relative`) and its `source`; `estimate` with `stderr` from the data alone, `pull` in standard
-    deviations of both together, `ln_bayes` of freeing it; `verdict` contradicted, consistent or not checkable."""
+    """A stated number of case or set-up against the data.
+
+    `stated` in `unit` with the standard deviation `sd` of what is known (relative where `relative`) and its `source`;
+    `estimate` with `stderr` from the data alone, `pull` in standard deviations of both together, `ln_bayes` of freeing
+    it; `verdict` contradicted, consistent or not checkable.
+    """
 
     key: str
     words: str
@@ -336,7 +342,7 @@ class Verdict(Shown):
             "checklist": [asdict(c) for c in self.checklist],
             "open_ends": self.open_ends,
             "law": None if self.law is None else self.law.as_dict(),
-            "rules": [asdict(r) for r in self.rules],
+            "rules": [asdict(r) | {"passed": bool(r.passed)} for r in self.rules],
             "inputs": [asdict(i) for i in self.inputs],
             "inputs_told_together": [list(group) for group in self.inputs_told_together],
             "seconds": self.seconds,
@@ -354,17 +360,36 @@ class Verdict(Shown):
         calibrated = Sheet("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
         looked = [(c.sort, c.words, c.ln_bayes) for c in self.checklist]
         checks = (Sheet("What to look at again", looked, ("", "", "ln Bayes factor")),) if looked else ()
-        following = [f"next: {self.next_experiment}"] if self.next_experiment else []
-        notes = (*self.says, *following, *self.warnings)
-        return Sheet(
-            f"Verdict on '{self.title}': {self.kind}", causes, head, notes, (*checks, tried, calibrated, gates)
-        )
+        rules = [(r.name, r.value, r.limit, "passed" if r.passed else r.consequence) for r in self.rules]
+        why = (Sheet("Why this verdict", rules, ("", "value", "limit", "result")),) if rules else ()
+        against = [(i.key, i.stated, i.estimate, i.stderr, i.unit, i.pull, i.ln_bayes, i.verdict) for i in self.inputs]
+        columns = ("", "stated", "data alone", "+-", "unit", "deviation", "ln Bayes factor", "verdict")
+        inputs = (Sheet("Stated inputs against the data", against, columns),) if against else ()
+        notes = (*self.says, *self._following(), *self.warnings)
+        parts = (*why, *inputs, *checks, tried, calibrated, gates)
+        return Sheet(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, parts)
 
     def __str__(self) -> str:
         lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]
-        if self.next_experiment:
-            lines.append(f"  next: {self.next_experiment}")
+        lines += [f"  {line}" for line in self._following()]
         return "\n".join([*lines, *(f"  note: {warning}" for warning in self.warnings)])
+
+    def _following(self) -> list[str]:
+        """What follows the sentences: the next experiment, unless they say it, and a line about the stated inputs."""
+        is_new = self.next_experiment and not any(self.next_experiment in line for line in self.says)
+        out = [f"next: {self.next_experiment}"] if is_new else []
+        return [*out, f"inputs: {_input_summary(self.inputs)}"] if self.inputs else out
+
+
+def _input_summary(inputs: tuple[InputResult, ...]) -> str:
+    """Which stated inputs the data contradict, and how many they cannot check, in one line."""
+    contradicted = [f"{i.key} ({abs(i.pull):.1f} standard deviations)" for i in inputs if i.verdict == "contradicted"]
+    unchecked = [i.key for i in inputs if i.verdict == "not checkable"]
+    names = f": {', '.join(unchecked)}" if 0 < len(unchecked) <= MAX_NAMED_INPUTS else ""
+    return (
+        f"the data contradict {', '.join(contradicted) or 'no stated input'} and cannot check {len(unchecked)} of "
+        f"{len(inputs)}{names}"
+    )
 
 
 def _cause(c: Cause) -> dict[str, Any]:

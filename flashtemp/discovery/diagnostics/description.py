@@ -9,13 +9,14 @@ import numpy as np
 from flashtemp.comparison.compare import Pulling, Seeing, judge, judge_pull
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import (
-    estimates_per_condition,
     near_contact_rmse,
     normalised_deviations,
     time_mean_rmse,
 )
 from flashtemp.discovery.diagnostics.cross_validation import CrossValidation
+from flashtemp.discovery.diagnostics.verdict_sentences import describe_nuisance
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.per_condition import estimates_per_condition
 from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, change
 from flashtemp.discovery.nuisances import is_camera_gain
@@ -31,7 +32,6 @@ from flashtemp.discovery.selection.forward_selection import Search
 from flashtemp.discovery.selection.scores import Score, Separability, separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
 from flashtemp.discovery.whitening import Data
-from flashtemp.discovery.wording import called
 
 STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
 
@@ -173,15 +173,15 @@ def calibrated_parameters(search: Search, fit: Fit) -> tuple[Pull, ...]:
             value = search.problem.case[p.name] * float(np.exp(fit.model.free[p.name] + step))
             free.append(Pull(str(p), value, value * sd, away[p], _unit(search, p.name)))
         elif p.kind in SHIFTS:
-            other.append(Pull(called(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
+            other.append(Pull(describe_nuisance(p), fit.model.shift(p.file)[p.axis] + step, sd, away[p], "px"))
         elif p.kind in OF_THE_LABORATORY:
             unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
-            other.append(Pull(called(p), fit.model.placed(p) + step, sd, away[p], unit))
+            other.append(Pull(describe_nuisance(p), fit.model.placed(p) + step, sd, away[p], unit))
         elif p.kind in BEADS:
             unit = "m" if p.kind is Kind.PLACE else "s"
-            other.append(Pull(called(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], unit))
+            other.append(Pull(describe_nuisance(p), fit.model.beads.get(p, 0.0) + step, sd, away[p], unit))
         elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR, *OF_THE_CAMERA) and not is_camera_gain(p):
-            other.append(Pull(called(p), 0.0 + step, sd, away[p], "1"))
+            other.append(Pull(describe_nuisance(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 
 

@@ -1,8 +1,8 @@
-"""Errors of the set-up that the data show: pixel scale, turn and clock of images, length and width of the block.
+"""Errors of the set-up that the data show: scale, turn and clock of images, sizes of the block, stated inputs.
 
-All of them are unknowns of every fit, with priors.  Here each is asked alone, all others held at what is stated: how
-much more probable are the data with it?  The best is accepted, then the rest is asked again.  Those that explain the
-data as well as the best share its effect, such as the length of the block and the pixel scale; they are told together.
+All of them have priors.  With everything else eliminated they are a few unknowns; those that the data can do without
+are taken out one by one (backward elimination), until every one left is needed.  One that can be exchanged for another
+at equal evidence shares its effect, such as the length of the block and the pixel scale: they are told together.
 """
 
 from __future__ import annotations
@@ -83,25 +83,36 @@ def setup_errors(
     system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST))
     if system is None or largest is None:
         return ()
-    free: tuple[int, ...] = ()
-    found: list[SetupError] = []
-    while len(free) < len(system.names):
-        plain = system.solve(free)[0]
-        tried = {k: system.solve((*free, k)) for k in range(len(system.names)) if k not in free}
-        best = max(tried, key=lambda k: tried[k][0])
+    free, gone = _eliminate(system, criteria.ln_bayes_named)
+    best = system.solve(free)
+    found = []
+    for place, k in enumerate(free):
+        rest = tuple(q for q in free if q != k)
         # what a smooth error of the model explains as well is no error of the set-up
-        beyond = largest.solve((*free, best))[0] - largest.solve(free)[0]
-        gain = min(tried[best][0] - plain, beyond)
-        if gain < criteria.ln_bayes_named:
+        gain = min(best[0] - system.solve(rest)[0], largest.solve(free)[0] - largest.solve(rest)[0])
+        value, sd = float(best[1][place]), float(best[2][place])
+        certain = gain > criteria.ln_bayes_named and abs(value) > criteria.setup_standard_errors * sd
+        if certain and _visible_fraction(data, fit, system.names[k], gain) > criteria.visible_fraction:
+            swapped = {q: system.solve((*rest, q)) for q in gone}
+            alike = [(q, s) for q, s in swapped.items() if best[0] - s[0] < criteria.ln_bayes_distinct]
+            others = tuple(_called(problem, known, system.names[q], float(s[1][-1])) for q, s in alike)
+            found.append(_error(problem, known, system.names[k], value, sd, gain, others))
+    return tuple(sorted(found, key=lambda e: -e.ln_bayes))
+
+
+def _eliminate(system: Reduced, least: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Errors that the data need, and those that they can do without, by backward elimination: of errors that share an
+    effect one stays, the most plausible."""
+    free = tuple(range(len(system.names)))
+    gone: tuple[int, ...] = ()
+    while free:
+        now = system.solve(free)[0]
+        without = {k: system.solve(tuple(q for q in free if q != k))[0] for k in free}
+        k = max(without, key=lambda k: without[k])
+        if now - without[k] > least:
             break
-        alike = [k for k in tried if k != best and tried[best][0] - tried[k][0] < criteria.ln_bayes_distinct]
-        p, value, sd = system.names[best], float(tried[best][1][-1]), float(tried[best][2][-1])
-        others = tuple(_called(problem, known, system.names[k], float(tried[k][1][-1])) for k in alike)
-        certain = abs(value) > criteria.setup_standard_errors * sd
-        if certain and _visible_fraction(data, fit, p, gain) > criteria.visible_fraction:
-            found.append(_error(problem, known, p, value, sd, gain, others))
-        free = (*free, best)
-    return tuple(found)
+        free, gone = tuple(q for q in free if q != k), (*gone, k)
+    return free, gone
 
 
 def _reduced(
@@ -114,7 +125,8 @@ def _reduced(
         p for p in fit.solution.names
         if p.kind is Kind.SIZE or (p.kind in PLACED and (not p.file or count[views[p.file]] > 1))
     )  # fmt: skip
-    names = (*names, *(p for p in known if p in system.index))
+    sizes = {p.name for p in names if p.kind is Kind.SIZE}
+    names = (*names, *(p for p in known if p in system.index and p.name not in sizes))
     if not names:
         return None
     priors: Priors = {p: v for p, v in fit.nuisances.items() if p.kind not in PLACED and p.kind is not Kind.SIZE}
@@ -159,7 +171,7 @@ def _visible_fraction(data: Data, fit: Fit, p: ParameterId, gain: float) -> floa
     shown = {file: o for prediction in fit.predictions for file, o in prediction.observables.items()}
     squares = 0.0
     for b in fit.blocks:
-        if b.label in data.noises and any(q == p for q, _ in b.names):
+        if b.label in data.noises and (p.kind is Kind.INPUT or any(q == p for q, _ in b.names)):
             seen = shown[b.label]
             rise = seen.values[:, seen.inside] - float(np.nanmin(seen.values))
             squares += b.count * float(np.nanmean(rise**2)) / data.noises[b.label].white ** 2

@@ -18,14 +18,18 @@ import numpy as np
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import check
-from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, ImagePose, with_poses
+from flashtemp.comparison.noise import Noise
+from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     MIN_COMMON_FRACTION,
+    NO_COMPANIONS,
+    Companions,
     HypothesisEvidence,
     RecordingFit,
     RecordingHypothesis,
     compare_fits,
     fit_recording,
+    fit_traces,
     has_same_moments,
     predict_otherwise,
     resampled_images,
@@ -189,10 +193,12 @@ class _Search:
         """The linearised fit of a recording as stated."""
         key = e.view.file, False
         if key not in self._fits:
-            hypothesis = RecordingHypothesis(e.view, e.number)
-            task, made = self.tasks[e.number], self.predictions[e.number]
-            self._fits[key] = fit_recording(self.problem, task, made, hypothesis)
+            self._fits[key] = self.fit_stated(e)
         return self._fits[key]
+
+    def fit_stated(self, e: _Entry, noise: Noise | None = None) -> RecordingFit:
+        hypothesis = RecordingHypothesis(e.view, e.number)
+        return fit_recording(self.problem, self.tasks[e.number], self.predictions[e.number], hypothesis, noise)
 
     def stated_aligned(self, e: _Entry) -> RecordingFit:
         """The same with its image aligned."""
@@ -236,11 +242,21 @@ class _Search:
         if compare_fits(self.problem, [self.stated(a) for a in e], fits).ln_bayes <= 0.0:
             return None
         try:
-            aligned = [fit.aligned() for fit in fits]
+            stated, aligned = [self.stated_aligned(a) for a in e], [fit.aligned() for fit in fits]
+            found = compare_fits(self.problem, stated, aligned, self._companions(e, fits))
         except FlashtempError:
             return None
-        found = compare_fits(self.problem, [self.stated_aligned(a) for a in e], aligned)
         return found if found.is_clear(self.hypotheses_about(e[0])) else None
+
+    def _companions(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> Companions:
+        """All else that was measured under the conditions between which recordings may have to move."""
+        numbers = {a.number for a in e} | {fit.hypothesis.condition for fit in fits}
+        if all(a.number == fit.hypothesis.condition for a, fit in zip(e, fits, strict=True)):
+            return NO_COMPANIONS
+        files = {a.view.file for a in e}
+        others = tuple(o for o in self.entries if o.number in numbers and o.view.file not in files)
+        traces = (fit_traces(self.problem, self.predictions[n], n) for n in sorted(numbers))
+        return Companions(tuple(map(self.stated_aligned, others)), tuple(b for found in traces for b in found))
 
 
 # --- copies ------------------------------------------------------------------------------------------------------
@@ -251,7 +267,10 @@ def _duplicates(search: _Search) -> Iterator[RecordingError]:
         first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
         if first is None:
             continue
-        fits = {e.view.file: search.stated(e) for e in (second, first)}
+        other = search.stated(second)
+        if other.noise != (noise := search.stated(first).noise):  # the same values have the same noise
+            other = search.fit_stated(second, noise)
+        fits = {second.view.file: other, first.view.file: search.stated(first)}
         wrong, right = sorted(fits, key=lambda file: fits[file].ln_evidence)
         evidence = HypothesisEvidence(np.inf, fits[wrong].chi2_per_datum, fits[right].chi2_per_datum)
         words = f"{wrong} holds the same values as {right}"
@@ -303,9 +322,9 @@ def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, stated_misfit: floa
     if not fit or not found:
         return None
     file = e.view.file
-    return RecordingError(
-        kind, (file,), f"{file} {FLIP_WORDS[kind]}", found, {file: (e.number, views[best])}, poses={file: fit.pose}
-    )
+    poses = {} if fit.pose == STATED_POSE else {file: fit.pose}
+    right = {file: (e.number, views[best])}
+    return RecordingError(kind, (file,), f"{file} {FLIP_WORDS[kind]}", found, right, poses=poses)
 
 
 def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:

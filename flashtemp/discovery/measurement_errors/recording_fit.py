@@ -21,7 +21,7 @@ from flashtemp.discovery.estimation.hyperparameters import Estimated, estimate
 from flashtemp.discovery.estimation.image_alignment import Linearisation, align_images
 from flashtemp.discovery.linear_gaussian import Block, System, products
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
-from flashtemp.discovery.parameters import ALL, ParameterId
+from flashtemp.discovery.parameters import ALL, Kind, ParameterId
 from flashtemp.discovery.prediction import Observable, Prediction, Single, Task, observe_again, packed
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.whitening import Data
@@ -32,6 +32,7 @@ Mask = npt.NDArray[np.bool_]
 Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
 MIN_COMMON_FRACTION = 0.5  # of the stated data that a hypothesis must predict too, to be compared at all
 LN_ODDS_HANDLING_ERROR = float(np.log(100.0))  # prior: one recording of a hundred is handled wrongly
+FRICTION_LAW_SD = 0.3  # ln of friction between conditions, by laws of load and speed that a case may lack
 TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
 
 
@@ -200,7 +201,22 @@ class HypothesisEvidence:
         return self.ln_bayes > needed and self.halves_excess
 
 
-def compare_fits(problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit]) -> HypothesisEvidence:
+@dataclass(frozen=True)
+class Companions:
+    """What was measured beside recordings that may belong to other conditions: `fits` of recordings and `traces`
+    (blocks) of load cells of the conditions concerned, as stated under every hypothesis."""
+
+    fits: tuple[RecordingFit, ...] = ()
+    traces: tuple[Block, ...] = ()
+
+
+NO_COMPANIONS = Companions()
+
+
+def compare_fits(
+    problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit],
+    companions: Companions = NO_COMPANIONS,
+) -> HypothesisEvidence:  # fmt: skip
     """Evidence of fits of recordings together against fits as stated, by those data that both predict."""
     before, after = [], []
     for a, b in zip(stated, other, strict=True):
@@ -209,29 +225,48 @@ def compare_fits(problem: Problem, stated: Sequence[RecordingFit], other: Sequen
             return HypothesisEvidence(-np.inf)
         before.append(a.restricted_to(common))
         after.append(b.restricted_to(common))
-    gain = joint_ln_evidence(problem, after) - joint_ln_evidence(problem, before)
-    return HypothesisEvidence(gain, _chi2_per_datum(before), _chi2_per_datum(after))
+    (ln_stated, chi2_stated), (ln_other, chi2_other) = (
+        _joint_fit(problem, fits, companions) if len(fits) > 1 or companions != NO_COMPANIONS
+        else (fits[0].ln_evidence, fits[0].chi2_per_datum)
+        for fits in (before, after)
+    )  # fmt: skip
+    return HypothesisEvidence(ln_other - ln_stated, chi2_stated, chi2_other)
 
 
-def _chi2_per_datum(fits: Sequence[RecordingFit]) -> float:
-    count = sum(f.block.count for f in fits)
-    return sum(f.chi2_per_datum * f.block.count for f in fits) / max(count, 1)
+def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float]:
+    """ln evidence and chi2 per datum of recordings and their companions together: they share all that is the case's.
 
-
-def joint_ln_evidence(problem: Problem, fits: Sequence[RecordingFit]) -> float:
-    """ln evidence of several recordings together: they share the free keys and all that belongs to the case."""
-    if len(fits) == 1:
-        return fits[0].ln_evidence
-    views = tuple(fit.hypothesis.view for fit in fits)
-    together = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
-    model = together.start
-    for fit in fits:
+    The friction of every condition may be its own, as by any law that the case lacks: the size of a rise alone does not
+    tell to which condition a recording belongs, but one friction has to explain all that was measured together.
+    """
+    together = (*fits, *companions.fits)
+    views = tuple(fit.hypothesis.view for fit in together)
+    whole = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
+    model = whole.start
+    for fit in together:
         model = fit.pose.apply_to(model, fit.hypothesis.file)
-    blocks = [_numbered(fit.block, fit.hypothesis.condition) for fit in fits]
-    return estimate(together, System(blocks), model, {}).solution.ln_evidence
+    blocks = [numbered_block(fit.block, fit.hypothesis.condition) for fit in together]
+    system = System([*blocks, *companions.traces])
+    levels = {p: (0.0, FRICTION_LAW_SD) for p in system.names if p.kind is Kind.LEVEL}
+    solution = estimate(whole, system, model, levels).solution
+    chi2 = sum(system.left(solution)) / sum(b.count for b in system.blocks)
+    return solution.ln_evidence, chi2
 
 
-def _numbered(block: Block, condition: int) -> Block:
+def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[Block, ...]:
+    """Load-cell traces of one condition as whitened blocks."""
+    condition = replace(problem.conditions[number], views=())
+    if not condition.forces:
+        return ()
+    alone = replace(
+        problem, conditions=(condition,), pins=(problem.pins[number],),
+        campaign=replace(problem.campaign, views=(), forces=condition.forces),
+    )  # fmt: skip
+    blocks = Data.begin(alone, [prediction]).blocks([prediction])
+    return tuple(numbered_block(replace(b, held_out=False), number) for b in blocks)
+
+
+def numbered_block(block: Block, condition: int) -> Block:
     """A block of a problem of one condition, numbered as in the whole one."""
     names = tuple((n if n.condition == ALL else replace(n, condition=condition), k) for n, k in block.names)
     return replace(block, condition=condition, names=names)

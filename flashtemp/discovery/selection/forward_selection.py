@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.diagnostics.adequacy_tests import estimates_per_condition
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.per_condition import estimates_per_condition
 from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
@@ -144,8 +144,10 @@ def _worth_its_parameters(search: Search) -> Fit | None:
 
 
 def _is_sound(search: Search, fit: Fit) -> bool:
-    """Whether a further cause is one: alike in all conditions, and more than a smooth error of the model as large as one
-    may be.  If not, it mops up what another one left."""
+    """Whether a further cause is one: alike in all conditions, and more than a smooth error of the model may be.
+
+    If not, it mops up what another one left.
+    """
     problem = search.problem
     new = names_of(fit) - names_of(search.best)
     estimates = [e for effect in new for e in estimates_per_condition(problem, fit, effect)]

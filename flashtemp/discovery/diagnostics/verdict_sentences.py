@@ -1,0 +1,426 @@
+"""A verdict in sentences: the verdict itself first, then why, then what else the data say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
+from flashtemp.discovery.problem import UNSAID
+from flashtemp.discovery.verdict import Cause, Estimate, Held, InputResult, LearnedLaw, RuleResult, Verdict
+from flashtemp.physics.effect import Effect
+
+MAX_LISTED = 3  # of each kind in the text; the report lists all
+CLEARLY_VISIBLE_SIGMA = 5.0  # of a typical amplitude: data that show most candidates less clearly say little
+SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must move to be mentioned
+LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
+NUISANCE_WORDS = {
+    Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
+    Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.OFFSET: "offset of",
+    Kind.STATIC: "static offset map of", Kind.OPTICS: "smear and stray light of", Kind.WALL: "cooler wall of",
+    Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
+    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
+    Kind.PLACE: "place of a point of", Kind.LAG: "time constant of a point of", Kind.SENSOR: "gain of a point of",
+    Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
+    Kind.SIZE: "size of the block,", Kind.FLOOR: "model discrepancy in",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RuleWords:
+    """A rule for people: what is true if it `passes`, what it is `measured_by`, and what is wrong if it `fails` (empty
+    where the rule says so itself); `is_upper` where the value may not exceed the limit."""
+
+    passes: str
+    measured_by: str
+    fails: str = ""
+    is_upper: bool = False
+
+
+ADEQUACY_WORDS = {  # by the names of `adequacy_tests`
+    "amplitude differs between conditions (-log10 of its probability)": RuleWords(
+        "The amplitude of a cause is the same in every condition", "-log10 of the probability of such scatter",
+        "the amplitude of the cause differs between conditions by more than its errors allow", True),
+    "heat of any shape (ln Bayes factor)": RuleWords(
+        "No heat of another shape is needed along the contact", "ln Bayes factor of heat of any shape",
+        "heat of another shape is needed along the contact", True),
+    "pressure of any shape (chi2 of modes)": RuleWords(
+        "The pressure distribution needs no other shape", "chi2 of six cosine modes of the pressure",
+        "the pressure distribution would need another shape", True),
+    "calibrated parameters (standard deviations)": RuleWords(
+        "Calibrated keys agree with prior knowledge", "largest deviation in prior standard deviations",
+        "a calibrated key is far from prior knowledge", True),
+    "camera and friction scatter (standard deviations)": RuleWords(
+        "Camera and friction behave as usual", "largest deviation in usual standard deviations",
+        "a camera error or the friction is far from its usual size", True),
+    "noise left over (chi2 over what noise may give)": RuleWords(
+        "The residuals are as small as the noise", "largest chi2 of a recording over what its noise allows",
+        "the residuals of a recording exceed its noise", True),
+}  # fmt: skip
+DECISION_WORDS = {  # by the names of the other rules of `decide`
+    "the fit converged": RuleWords("The fit of the final model converged", ""),
+    "the law predicts left-out data": RuleWords(
+        "The law predicts data that were left out", "fraction of their excess misfit that remains", is_upper=True),
+    "the evidence is strong": RuleWords("The evidence for the cause is strong", "ln Bayes factor"),
+    "no smooth error of the model explains it as well": RuleWords(
+        "A smooth error of the model does not explain it as well",
+        "ln Bayes factor with the largest plausible model discrepancy"),
+    "left-out data do not speak against it": RuleWords(
+        "Left-out data do not contradict the cause", "change of their ln probability"),
+    "it can be seen": RuleWords("The cause changes the data visibly", "largest change as a fraction of the signal"),
+    "the mesh resolves it": RuleWords("The change exceeds the mesh error", "rms change in K; limit: mesh error"),
+}  # fmt: skip
+
+
+def describe_rule(name: str) -> RuleWords:
+    """The words for a rule by its name; its own name where there are none.
+
+    >>> describe_rule("it is told from wear").passes
+    'It is distinguished from wear'
+    """
+    if name.startswith("it is told from "):
+        return RuleWords(f"It is distinguished from {name.removeprefix('it is told from ')}", "ln Bayes factor")
+    if name.endswith(" was judged"):
+        return RuleWords(f"The full fit of {name.removesuffix(' was judged')} ended", "ln Bayes factor")
+    return ADEQUACY_WORDS.get(name) or DECISION_WORDS.get(name) or RuleWords(name[:1].upper() + name[1:], "")
+
+
+def describe_failure(rule: RuleResult) -> str:
+    """What follows from a rule that did not pass."""
+    words = ADEQUACY_WORDS.get(rule.name)
+    if words is None:
+        return rule.consequence
+    return f"{words.fails} ({words.measured_by}: {rule.value:.3g}, limit {rule.limit:.3g})"
+
+
+def explain_uncertainty(v: Verdict) -> str:
+    """Why a verdict is not more certain, from the rules that did not pass; empty where all did."""
+    failures = [describe_failure(r) for r in v.rules if not r.passed]
+    if not failures:
+        return ""
+    # here the rules concern a candidate that was not accepted, and the verdict stands without it
+    is_without_candidate = v.kind in ("none_needed", "held_key", "named")
+    lead = "The best candidate is not reported because" if is_without_candidate else "Not more certain because"
+    return f"{lead}: {'; '.join(failures)}."
+
+
+def describe_nuisance(p: ParameterId) -> str:
+    """A nuisance parameter in words.
+
+    >>> describe_nuisance(ParameterId(Kind.MAP, (1, 0), file="day 2/wall.nc"))
+    'gain map of wall.nc (1, 0)'
+    >>> describe_nuisance(ParameterId(Kind.LEVEL, condition=1))
+    'friction of condition 2'
+    """
+    if p.kind in OF_A_POINT:
+        point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
+        along = f" along {'xyz'[p.index[-1]]}" if p.kind is Kind.PLACE else ""
+        return f"{NUISANCE_WORDS[p.kind].removesuffix('a point of')}point {point}{along}"
+    where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
+    number = f" ({', '.join(map(str, p.index))})" if p.index else ""
+    return f"{NUISANCE_WORDS.get(p.kind, p.kind)} {where}{number}".strip()
+
+
+def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
+    """Which values were assumed for what a recording does not state of its camera."""
+    values, verb = " and ".join(f"{UNSAID[name]:g} px" for name in names), "is" if len(names) == 1 else "are"
+    return f"{file} does not state its {' and '.join(names)} (see flashtemp import); {values} {verb} assumed"
+
+
+# --- the whole verdict -----------------------------------------------------------------------------------------
+def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
+    """A whole verdict in sentences, the verdict itself first; `known` effects by name."""
+    answers = {
+        "named": _named, "learned": _learned, "held_key": _contradicted_input, "weak": _weak,
+        "unexplained": _unexplained, "none_needed": _none_needed, "no_verdict": _no_verdict,
+    }  # fmt: skip
+    answer = list(_group(v, known) if v.kind == "group" else answers[v.kind](v))
+    is_setup_in_answer = (v.kind == "named" and not _effects(v)) or (v.kind == "group" and not _is_physical(v, known))
+    setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
+    return (*answer, *setup, *_contradictions(v), *_gain(v), *_alternative(v), *_shifts(v), *_usual_errors(v))
+
+
+def _effects(v: Verdict) -> list[Cause]:
+    """Causes that are physics."""
+    return [c for c in v.causes if not c.laboratory]
+
+
+# --- the answer of each kind of verdict ------------------------------------------------------------------------
+def _named(v: Verdict) -> Iterator[str]:
+    effects = _effects(v)
+    if not effects:
+        yield from (_setup_difference(c) for c in v.causes)
+        yield "No effect is missing from the model."
+        return
+    count = "one effect" if len(effects) == 1 else f"{len(effects)} effects"
+    yield f"The model lacks {count}: {' and '.join(map(_cause, effects))}."
+    for c in effects:
+        yield f"{_parameters(c)}ln Bayes factor {c.ln_bayes:.0f} against the model without {c.effect}."
+        yield from _doubt(c)
+
+
+def _learned(v: Verdict) -> Iterator[str]:
+    law, effects = v.law, _effects(v)
+    if law is None:
+        yield "A law outside the catalogue was learned from the data."
+        return
+    gain = f"; ln Bayes factor {effects[0].ln_bayes:.0f} against the model without it" if effects else ""
+    yield f"A law outside the catalogue was learned from the data: {law.words}{gain}."
+    yield _law_values(law)
+    yield f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve."
+    if law.beside:
+        others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MAX_LISTED])
+        yield f"Other laws that may explain the data, with the ln Bayes factors of their sensitivities: {others}."
+
+
+def _contradicted_input(v: Verdict) -> Iterator[str]:
+    if v.held_key is None:
+        yield "No effect is missing, but the data contradict a stated input."
+        return
+    yield f"No effect is missing, but the data contradict a stated input: {_held(v.held_key)}."
+    yield f"Correct {v.held_key.key}, or let the campaign calibrate it (`free`)."
+
+
+def _weak(v: Verdict) -> Iterator[str]:
+    effects = _effects(v)
+    if effects:
+        parts = f"{_parameters(effects[0])}ln Bayes factor {effects[0].ln_bayes:.1f}"
+        yield f"A missing effect is likely, but not established: {_cause(effects[0])}; {parts}."
+    else:
+        yield "A missing effect is likely, but not established."
+    if v.not_named:
+        yield f"Not more certain because: {'; '.join(v.not_named)}."
+
+
+def _group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
+    words = _group_words(v, known)
+    if not _is_physical(v, known):
+        yield f"The set-up differs from what is stated, and these data cannot distinguish how: {words}."
+        yield "An independent measurement of one of these decides between them."
+        return
+    confirmed = [c for c in _effects(v) if c.effect in v.certain]
+    count = "One more effect" if confirmed else "One effect"
+    yield f"{count} is missing, and these data cannot distinguish which: {words}."
+    yield from (f"Confirmed: {_cause(c)}; {_parameters(c)}".removesuffix("; ") + "." for c in confirmed)
+    if v.next_experiment:
+        yield f"To distinguish them: {v.next_experiment}."
+
+
+def _is_physical(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:
+    """Whether a group consists of effects, not of errors of the set-up."""
+    return all(name in known for name in v.group)
+
+
+def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
+    """Members of a group in words; the words of an error of the set-up hold its alternatives already."""
+    setup = [c.words for c in v.causes if c.laboratory and c.effect in v.group]
+    if setup and not _is_physical(v, known):
+        return "; ".join(setup)
+    if v.held_key is not None and v.held_key.key in v.group:
+        others = [name.replace("_", " ") for name in v.group if name != v.held_key.key]
+        return f"{_held(v.held_key)}; or {' or '.join(others)} is wrong"
+    return " or ".join(f"{known[name].cause} ({name})" if name in known else name for name in v.group)
+
+
+def _unexplained(v: Verdict) -> Iterator[str]:
+    yield "Something is missing that the catalogue does not contain."
+    failures = [describe_failure(r) for r in v.rules if not r.passed]
+    if failures:
+        yield f"What was tested and failed: {'; '.join(failures)}."
+    effects = _effects(v)
+    if effects:
+        names = " with ".join(c.effect for c in effects)
+        yield f"The closest explanation in the catalogue is {names}, but the model is not adequate with it."
+    if v.law is not None:
+        yield f"The closest law is only a hint: {v.law.words}. {_law_values(v.law)}"
+
+
+def _none_needed(v: Verdict) -> Iterator[str]:
+    yield "No extension is needed: the calibrated model explains the data within their noise."
+    tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0]
+    clear = [r.effect for r in sorted(tried, key=lambda r: -r.seen) if r.seen >= CLEARLY_VISIBLE_SIGMA]
+    if tried and len(clear) < 0.5 * len(tried):
+        listed = ", ".join(clear)
+        yield (
+            f"These data would hardly show most effects: at typical strength, {len(clear) or 'none'} of {len(tried)} "
+            f"candidates would exceed {CLEARLY_VISIBLE_SIGMA:g} sigma{f' ({listed})' if clear else ''}. "
+            "`flashtemp plan` suggests measurements that show more."
+        )
+    if v.not_named:
+        yield f"The best candidate is not reported because: {'; '.join(v.not_named)}."
+    elif tried:
+        best = max(tried, key=lambda r: r.score)
+        yield (
+            f"The strongest of {len(tried)} candidates, {best.effect}, has a ln Bayes factor of {best.score:.1f}; "
+            f"a cause needs {CRITERIA.ln_bayes_named:g}."
+        )
+
+
+def _no_verdict(v: Verdict) -> Iterator[str]:
+    reasons = "; ".join(v.not_named) or "the fit of the final model did not converge"
+    yield f"There is no verdict: {reasons}."
+    best = sorted((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: -r.score)[:MAX_LISTED]
+    if best:
+        listed = ", ".join(f"{r.effect} ({r.score:.0f})" for r in best)
+        yield f"The strongest candidates so far, with their ln Bayes factors: {listed}."
+    yield "Check the values of the case and the conditions of the recordings first."
+
+
+# --- what else the data say ------------------------------------------------------------------------------------
+def contradicted_inputs(inputs: Sequence[InputResult]) -> list[InputResult]:
+    """Stated inputs that the data contradict by more than chance, the most certain first."""
+    some = [i for i in inputs if i.verdict == "contradicted" and i.ln_bayes > CRITERIA.ln_bayes_hint]
+    return sorted(some, key=lambda i: -i.ln_bayes)
+
+
+def _contradictions(v: Verdict) -> Iterator[str]:
+    """Stated inputs that the data contradict, without the one that the answer names."""
+    in_answer = v.held_key.key if v.held_key is not None and v.kind in ("held_key", "group") else ""
+    some = [i for i in contradicted_inputs(v.inputs) if i.key != in_answer]
+    if v.held_key is not None and not in_answer and v.held_key.key not in {i.key for i in some}:
+        yield f"The data contradict a stated input: {_held(v.held_key)}."
+    for i in some[:MAX_LISTED]:
+        unit, sd_unit = _unit(i.unit), _unit("K" if i.unit == "degC" else i.unit)
+        sd = f"{100.0 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{sd_unit}"
+        yield (
+            f"The data contradict a stated input: {i.key} is stated as {_digits(i.stated)}{unit} +- {sd}; "
+            f"the data require {_digits(i.estimate)} +- {_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} standard "
+            f"deviations away (ln Bayes factor {i.ln_bayes:.0f})."
+        )
+    if len(some) > MAX_LISTED:
+        yield f"The report lists {len(some) - MAX_LISTED} more."
+
+
+def _gain(v: Verdict) -> Iterator[str]:
+    """What the extension gains."""
+    if v.extended is None or v.base is None:
+        return
+    size = v.gain or {}
+    changes = f"{size['file']} changes by {_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
+    yield (
+        f"With the extension, and everything calibrated again, {changes}chi2/dof goes from "
+        f"{v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
+    )
+    before, after = f"{v.base.held_out_z:.3g}", f"{v.extended.held_out_z:.3g}"
+    if before != after:
+        yield f"Left-out data are predicted to {after} sigma instead of {before}."
+
+
+def _alternative(v: Verdict) -> Iterator[str]:
+    """The best alternative to a named cause."""
+    some = [r for r in v.rivals if r.left is not None and r.score > CRITERIA.ln_bayes_hint]
+    if v.kind == "named" and some:
+        best = min(some, key=lambda r: r.left or 0.0)
+        about = "" if best.refitted else "about "  # its fit was not followed to its end
+        yield f"The best alternative, {best.effect}, is less probable by a ln Bayes factor of {about}{best.left:.0f}."
+
+
+def _shifts(v: Verdict) -> Iterator[str]:
+    """Calibrated parameters that were biased without the extension."""
+    for name, before, after, error in () if v.kind == "unexplained" else v.shifts:
+        if error and abs(after - before) > SHIFT_STANDARD_ERRORS * error:
+            yield f"Without it, {name} would be estimated as {before:.4g} instead of {after:.4g} +- {error:.2g}."
+
+
+def _usual_errors(v: Verdict) -> Iterator[str]:
+    """Errors of the set-up within usual limits; of a fit that explains nothing they mean little."""
+    absolute = {i.key: _unit("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
+    for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED]:
+        error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else _size(f.stderr, f.unit)
+        yield f"The data suggest that {f.words} (+- {error}), which is within usual limits."
+
+
+# --- parts of sentences ----------------------------------------------------------------------------------------
+def _cause(c: Cause) -> str:
+    return f"{c.words or c.effect.replace('_', ' ')} ({c.effect})"
+
+
+def _parameters(c: Cause) -> str:
+    """Parameters with their intervals, ready for more; empty where there are none."""
+    return "".join(f"{_estimate(p)}; " for p in c.parameters)
+
+
+def _estimate(p: Estimate) -> str:
+    if p.bound or p.ci95[1] <= p.ci95[0]:
+        return f"{p.name} = {p.value:.4g}{_unit(p.unit)} (at its bound)"
+    return f"{p.name} = {p.value:.4g}{_unit(p.unit)} (95 % interval {p.ci95[0]:.4g} to {p.ci95[1]:.4g})"
+
+
+def _setup_difference(c: Cause) -> str:
+    """An error of the set-up or of a recording, with its size and evidence."""
+    size = "; ".join(f"{_size(abs(p.value), p.unit)} +- {_size(p.stderr, p.unit)}" for p in c.parameters)
+    line = f"The set-up differs from what is stated: {c.words}{f' ({size})' if size else ''}"
+    if c.ln_bayes >= LN_BAYES_IMPOSSIBLE:
+        return f"{line}; as stated it is impossible."
+    return f"{line}; ln Bayes factor {c.ln_bayes:.0f}."
+
+
+def _held(h: Held) -> str:
+    unit = _unit(h.unit)
+    return (
+        f"{h.key} is stated as {_digits(h.told)}{unit}; the data require {_digits(h.value)} +- "
+        f"{_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
+    )
+
+
+def _law_values(law: LearnedLaw) -> str:
+    """A law at its nodes, with 95 % bands."""
+    kind = "Factor" if law.unit == "1" else "Value"
+    rows = ", ".join(
+        f"{np.interp(n, law.at, law.curve):.3g} ({np.interp(n, law.at, law.low):.3g} to "
+        f"{np.interp(n, law.at, law.high):.3g}){_unit(law.unit)} at {n:.4g}{_unit(law.argument_unit)}"
+        for n in law.nodes
+    )
+    return f"{kind}, with 95 % band: {rows}."
+
+
+def _doubt(c: Cause) -> Iterator[str]:
+    """That a cause is certain and its law is not, where conditions hardly agree on its amplitude."""
+    if not c.doubted:
+        return
+    unit = _unit(c.parameters[0].unit)
+    each = "; ".join(f"{own.value:.4g} +- {own.stderr:.2g}{unit} ({own.condition})" for own in c.per_condition)
+    yield (
+        f"The conditions hardly agree on {c.parameters[0].name}: {each}; the probability of such scatter is "
+        f"{c.consistent:.1g}."
+    )
+    yield "The cause is certain, its law is not: measure a condition in between, or beyond."
+
+
+def _digits(value: float, count: int = 4) -> str:
+    """A number to some significant digits, without a power of ten where it is of everyday size.
+
+    >>> _digits(150000.0), _digits(7134.4, 2), _digits(1.5e-7), _digits(0.9600001)
+    ('150000', '7100', '1.5e-07', '0.96')
+    """
+    if value and 1e-4 <= abs(value) < 1e6:
+        return np.format_float_positional(value, precision=count, unique=False, fractional=False, trim="-")
+    return f"{value:.{count}g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _size(value: float, unit: str) -> str:
+    """The size of an error of the set-up.
+
+    >>> _size(0.0123, "1"), _size(2.0, "degree"), _size(0.02, "s")
+    ('1.2 %', '2 degrees', '0.02 s')
+    """
+    if unit == "1":
+        return f"{100.0 * value:.2g} %"
+    return f"{value:.2g} {'degrees' if unit == 'degree' else unit}"
+
+
+def _kelvin(T: float) -> str:
+    """A difference in kelvin, below one in millikelvin.
+
+    >>> _kelvin(1.132), _kelvin(0.0131)
+    ('1.13 K', '13.1 mK')
+    """
+    return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"

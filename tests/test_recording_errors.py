@@ -1,0 +1,241 @@
+"""Recordings that are not what they are stated to be: mirrored, turned over, exchanged, misfiled, copied, far off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flashtemp.camera.placement import Place
+from flashtemp.comparison import campaign
+from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
+from flashtemp.discovery.measurement_errors.initial_registration import register_images
+from flashtemp.discovery.measurement_errors.recording_errors import (
+    ErrorKind,
+    correct_recordings,
+    find_recording_errors,
+    find_schedule_errors,
+    flipped_recordings,
+)
+from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvidence
+from flashtemp.discovery.nuisances import everything
+from flashtemp.discovery.prediction import observe_again, predict
+from flashtemp.discovery.problem import prepare, with_views
+from flashtemp.model.case import load
+from flashtemp.runs.workers import attempt
+
+TINY = {
+    "block.height": 0.005, "schedule.distance": 0.3, "schedule.repetitions": 1, "road.track_length": 0.3,
+    "numerics.mesh": 0.4, "output.profiles": 20,
+}  # fmt: skip
+LENGTH = 0.025
+WALLS = ("condition1_sidewall.nc", "condition2_sidewall.nc")
+WAKES = ("condition1_wake.nc", "condition2_wake.nc")
+
+
+def run(tasks):
+    return [attempt(predict, task) for task in tasks]
+
+
+def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake"), seed=41):
+    """A small campaign of one speed and two pressures, made ready."""
+    folder.mkdir()
+    (folder / "case.toml").write_text("")
+    lab = twin(load(folder / "case.toml", TINY), Plan(hidden, seed, conditions, views, 4), folder / "lab")
+    return prepare(campaign.load(lab), run)
+
+
+def predicted(problem):
+    return problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """Nothing hidden; and what the stated model predicts."""
+    problem = campaign_problem(tmp_path_factory.mktemp("plain") / "lab")
+    return problem, predicted(problem)
+
+
+def images(problem):
+    return {v.file: v.recording.temperature for v in problem.campaign.views}
+
+
+def with_images(problem, changed):
+    """The problem with other images in some recordings, {file: temperature}."""
+    views = [v for v in problem.campaign.views if v.file in changed]
+    return with_views(problem, [replace(v, recording=replace(v.recording, temperature=changed[v.file])) for v in views])
+
+
+def condition_of(problem):
+    return {v.file: n for n, c in enumerate(problem.conditions) for v in c.views}
+
+
+# --- nothing is found where nothing is wrong -------------------------------------------------------------------------
+def test_recordings_as_stated_are_left_as_they_are(plain):
+    problem, first = plain
+    assert find_recording_errors(problem, first) == ()
+    assert find_schedule_errors(problem) == ()
+    assert register_images(problem, first) is problem
+
+
+def test_a_missing_effect_is_no_mirrored_image(tmp_path):
+    """A strong pressure tilt reverses the profile along the block; free pressure shapes explain it as it is."""
+    problem = campaign_problem(tmp_path / "tilt", ("pressure_tilt",), 1, ("sidewall",), 43)
+    assert find_recording_errors(problem, predicted(problem)) == ()
+
+
+# --- what is wrong is found, and put right ---------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("kind", "file", "axes"),
+    [
+        (ErrorKind.MIRRORED, WALLS[1], 2),
+        (ErrorKind.MIRRORED, WAKES[0], 2),
+        (ErrorKind.UPSIDE_DOWN, WALLS[0], 1),
+        (ErrorKind.ROTATED, WALLS[0], (1, 2)),
+    ],
+)
+def test_images_that_are_turned_over_are_turned_back(plain, kind, file, axes):
+    problem, first = plain
+    right = images(problem)[file]
+    wrong = with_images(problem, {file: np.flip(right, axes)})
+    [error] = find_recording_errors(wrong, first)
+    assert (error.kind, error.files) == (kind, (file,))
+    assert file in error.words
+    assert error.evidence.chi2_corrected < error.evidence.chi2_stated
+    corrected = correct_recordings(wrong, [error])
+    np.testing.assert_array_equal(images(corrected)[file], right)
+    assert condition_of(corrected) == condition_of(problem)
+
+
+@pytest.mark.parametrize("files", [WALLS, WAKES])
+def test_recordings_that_are_exchanged_go_to_the_condition_of_the_other(plain, files):
+    problem, first = plain
+    T = images(problem)
+    wrong = with_images(problem, {files[0]: T[files[1]], files[1]: T[files[0]]})
+    [error] = find_recording_errors(wrong, first)
+    assert (error.kind, set(error.files)) == (ErrorKind.EXCHANGED, set(files))
+    corrected = correct_recordings(wrong, [error])
+    assert [condition_of(corrected)[file] for file in files] == [1, 0]
+    assert [v.given for c in corrected.conditions for v in c.views] == [
+        c.given for c in corrected.conditions for _ in c.views
+    ]
+    assert {v.file: v.given for v in corrected.campaign.views}[files[0]] == problem.conditions[1].given
+
+
+def test_a_recording_of_another_condition_is_moved_there(plain):
+    """Two walls of one condition, with noise of their own, of which one is filed under the other."""
+    problem, first = plain
+    T = images(problem)
+    noise = 0.05 * np.random.default_rng(1).normal(size=T[WALLS[1]].shape)
+    wrong = with_images(problem, {WALLS[0]: T[WALLS[1]] + noise})
+    [error] = find_recording_errors(wrong, first)
+    assert (error.kind, error.files) == (ErrorKind.OTHER_CONDITION, (WALLS[0],))
+    assert condition_of(correct_recordings(wrong, [error]))[WALLS[0]] == 1
+
+
+def test_a_copy_is_left_out_where_it_does_not_belong(plain):
+    problem, first = plain
+    wrong = with_images(problem, {WALLS[0]: images(problem)[WALLS[1]]})
+    [error] = find_recording_errors(wrong, first)
+    assert (error.kind, error.left_out) == (ErrorKind.DUPLICATE, (WALLS[0],))
+    left = correct_recordings(wrong, [error])
+    assert set(images(left)) == {WALLS[1], *WAKES}
+    assert len(left.conditions) == 2  # the wake is still there
+
+
+def test_two_recordings_that_bear_the_view_of_each_other_are_told_apart(plain):
+    """Wall and wake cut to images of one shape, each with the pixels and the view of the other."""
+    problem, _ = plain
+    wall, wake = problem.conditions[0].views
+    rows, columns = (min(a, b) for a, b in zip(*(v.recording.temperature.shape[1:] for v in (wall, wake)), strict=True))
+
+    def cut(view, middle):
+        r = view.recording
+        first = (len(r.v) - rows) // 2 if middle else 0
+        own = slice(first, first + rows)
+        T = r.temperature[:, own, :columns]
+        return replace(view, recording=replace(r, temperature=T, u=r.u[:columns], v=r.v[own]))
+
+    small = [cut(wall, False), cut(wake, True)]
+    condition = replace(problem.conditions[0], views=tuple(small))
+    alone = replace(
+        problem, conditions=(condition,), pins=problem.pins[:1],
+        campaign=replace(problem.campaign, views=tuple(small), forces=condition.forces),
+    )  # fmt: skip
+    first = predicted(alone)
+    wrong = with_images(alone, {wall.file: images(alone)[wake.file], wake.file: images(alone)[wall.file]})
+    [error] = find_recording_errors(wrong, first)
+    assert error.kind == ErrorKind.OTHER_VIEW
+    right = {v.file: v.recording for v in correct_recordings(wrong, [error]).campaign.views}
+    assert right[wall.file].view == "wake"
+    np.testing.assert_array_equal(right[wall.file].u, small[1].recording.u)
+
+
+def test_frames_that_cannot_be_of_their_condition_tell_where_they_belong(tmp_path):
+    """Two speeds: the schedule of one condition has no moment for the frames of the other."""
+    problem = campaign_problem(tmp_path / "speeds", conditions=3, views=("sidewall",))
+    slow, _, fast = problem.conditions
+    conditions = (
+        replace(slow, views=_filed(fast.views, slow)),
+        problem.conditions[1],
+        replace(fast, views=_filed(slow.views, fast)),
+    )
+    wrong = replace(problem, conditions=conditions)
+    [error] = find_schedule_errors(wrong)
+    assert error.kind == ErrorKind.EXCHANGED
+    assert error.evidence.ln_bayes == np.inf
+    corrected = correct_recordings(wrong, [error])
+    assert condition_of(corrected) == condition_of(problem)
+    assert corrected.pins == problem.pins
+
+
+def _filed(views, condition):
+    return tuple(replace(v, given=condition.given) for v in views)
+
+
+# --- images that lie far off -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("turn", [0.035, -0.035])
+def test_an_image_turned_about_its_far_corner_is_registered(plain, turn):
+    """Two degrees about a corner move the other end by four pixels, from where Gauss-Newton steps find no way back."""
+    problem, first = plain
+    view = problem.conditions[0].views[0]
+    shift = (0.0, float(np.sign(turn)) * 2.0)
+    pose = ImagePose(Place(turn=turn), shift)
+    task = replace(problem.tasks(problem.start, everything(problem))[0], views=(view,))
+    seen = observe_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
+    noise = np.random.default_rng(2).normal(size=seen.values.shape) * 0.05
+    moved = with_images(problem, {view.file: seen.values + noise})
+    assert find_recording_errors(moved, first) == ()
+    found = register_images(moved, first)
+    assert set(found.places) == {view.file}
+    assert found.places[view.file].turn == pytest.approx(turn, abs=2e-3)
+    assert found.shifts[view.file] == pytest.approx(shift, abs=0.3)
+
+
+def test_an_image_near_its_stated_place_is_left_to_the_alignment_of_fits(plain):
+    problem, first = plain
+    view = problem.conditions[0].views[0]
+    assert register_image(problem, view.recording, first[0].observables[view.file]) is None
+
+
+# --- the rule --------------------------------------------------------------------------------------------------------
+def test_a_hypothesis_needs_evidence_and_half_of_the_misfit():
+    """ln of 150 to 1 (5.0), of one handling error in a hundred (4.6) and of ten hypotheses (2.3): 11.9."""
+    assert HypothesisEvidence(12.0, 1.2, 1.1).is_clear(10)
+    assert not HypothesisEvidence(11.8, 1.2, 1.1).is_clear(10)
+    assert HypothesisEvidence(11.8, 1.2, 1.1).is_clear(1)
+    assert not HypothesisEvidence(1000.0, 1.2, 1.11).is_clear(10)  # smooth misfit, counted pixel by pixel
+    assert HypothesisEvidence(12.0, 0.99, 0.98).is_clear(10)  # both within the noise: the evidence alone decides
+
+
+def test_flipped_recordings_keep_their_pixels_or_the_ends_of_the_block(plain):
+    r = plain[0].conditions[0].views[0].recording
+    in_place, about_block = flipped_recordings(r, (2,), LENGTH)
+    np.testing.assert_array_equal(in_place.temperature, r.temperature[..., ::-1])
+    np.testing.assert_allclose(in_place.u, r.u, atol=1e-12)
+    np.testing.assert_allclose(about_block.u, (LENGTH - r.u)[::-1], atol=1e-12)
+    back = flipped_recordings(about_block, (2,), LENGTH)[1]
+    np.testing.assert_array_equal(back.temperature, r.temperature)
+    assert len(flipped_recordings(r, (1,), LENGTH)) == 1

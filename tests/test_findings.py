@@ -791,13 +791,14 @@ def test_adequacy_tests_and_their_words_have_the_same_names(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.sample("named", "no_verdict")
 def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted, kind):
     v = verdict(kind, 1, rules=(PASSED, FAILED), inputs=INPUTS, before=(), after=(), inputs_told_together=(
         ("block.length", "pixel scale"),))  # fmt: skip
     page = verdict_report.text(v)
     reader = Reader(page)
     rows = reader.table("what was asked")
-    assert [r[2:] for r in rows] == [["12", "≥ 8", "passed"], ["31.2", "≤ 3", ADEQUACY_WORDS[FAILED.name].fails]]
+    assert [r[2:] for r in rows[:2]] == [["12", "≥ 8", "passed"], ["31.2", "≤ 3", ADEQUACY_WORDS[FAILED.name].fails]]
     assert explain_uncertainty(v) in reader.text
     contradicted = reader.table("stated input")
     assert contradicted[:2] == [  # the most certain first, in the units of people

@@ -10,6 +10,7 @@ import pytest
 from flashtemp.camera.placement import Place
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery import whitening
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
@@ -44,11 +45,30 @@ def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake")
     folder.mkdir()
     (folder / "case.toml").write_text("")
     lab = twin(load(folder / "case.toml", TINY), Plan(hidden, seed, conditions, views, 4), folder / "lab")
-    return prepare(campaign.load(lab), run)
+    return cropped(prepare(campaign.load(lab), run), {"sidewall": (0, 16, 108), "wake": (50, 16, 40)})
+
+
+def cropped(problem, cuts):
+    """The problem with images cut to some rows and columns, {view: (first row, rows, columns)}: fewer pixels to fit."""
+    views = []
+    for view in problem.campaign.views:
+        r, (first, rows, columns) = view.recording, cuts[view.recording.view]
+        own = slice(first, first + rows)
+        T = r.temperature[:, own, :columns]
+        views.append(replace(view, recording=replace(r, temperature=T, u=r.u[:columns], v=r.v[own])))
+    return with_views(problem, views)
 
 
 def predicted(problem):
     return problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def ideal_cameras():
+    """Cameras here have no errors of their own; to look for them takes most of the time of small fits."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(whitening, "camera_columns", lambda *a: {})
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -148,29 +168,20 @@ def test_a_copy_is_left_out_where_it_does_not_belong(plain):
 def test_two_recordings_that_bear_the_view_of_each_other_are_told_apart(plain):
     """Wall and wake cut to images of one shape, each with the pixels and the view of the other."""
     problem, _ = plain
-    wall, wake = problem.conditions[0].views
-    rows, columns = (min(a, b) for a, b in zip(*(v.recording.temperature.shape[1:] for v in (wall, wake)), strict=True))
-
-    def cut(view, middle):
-        r = view.recording
-        first = (len(r.v) - rows) // 2 if middle else 0
-        own = slice(first, first + rows)
-        T = r.temperature[:, own, :columns]
-        return replace(view, recording=replace(r, temperature=T, u=r.u[:columns], v=r.v[own]))
-
-    small = [cut(wall, False), cut(wake, True)]
-    condition = replace(problem.conditions[0], views=tuple(small))
+    condition = problem.conditions[0]
     alone = replace(
         problem, conditions=(condition,), pins=problem.pins[:1],
-        campaign=replace(problem.campaign, views=tuple(small), forces=condition.forces),
+        campaign=replace(problem.campaign, views=condition.views, forces=condition.forces),
     )  # fmt: skip
+    alone = cropped(alone, {"sidewall": (0, 16, 40), "wake": (0, 16, 40)})
+    wall, wake = alone.campaign.views
     first = predicted(alone)
     wrong = with_images(alone, {wall.file: images(alone)[wake.file], wake.file: images(alone)[wall.file]})
     [error] = find_recording_errors(wrong, first)
     assert error.kind == ErrorKind.OTHER_VIEW
     right = {v.file: v.recording for v in correct_recordings(wrong, [error]).campaign.views}
     assert right[wall.file].view == "wake"
-    np.testing.assert_array_equal(right[wall.file].u, small[1].recording.u)
+    np.testing.assert_array_equal(right[wall.file].u, wake.recording.u)
 
 
 def test_frames_that_cannot_be_of_their_condition_tell_where_they_belong(tmp_path):
@@ -195,37 +206,42 @@ def _filed(views, condition):
     return tuple(replace(v, given=condition.given) for v in views)
 
 
-# --- images that lie far off -----------------------------------------------------------------------------------------
-@pytest.mark.parametrize("turn", [0.035, -0.035])
-def test_an_image_turned_about_its_far_corner_is_registered(plain, turn):
-    """Two degrees about a corner move the other end by four pixels, from where Gauss-Newton steps find no way back."""
-    problem, first = plain
+# --- images that lie far off -------------------------------------------------------------------------------------
+def seen_in_pose(problem, first, pose):
+    """The problem with the first wall as it would be seen in a pose, without errors of its own but noise."""
     view = problem.conditions[0].views[0]
-    shift = (0.0, float(np.sign(turn)) * 2.0)
-    pose = ImagePose(Place(turn=turn), shift)
     task = replace(problem.tasks(problem.start, everything(problem))[0], views=(view,))
     seen = observe_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
     noise = np.random.default_rng(2).normal(size=seen.values.shape) * 0.05
-    moved = with_images(problem, {view.file: seen.values + noise})
+    return with_images(problem, {view.file: seen.values + noise})
+
+
+@pytest.mark.parametrize("turn", [0.05, -0.05])
+def test_an_image_turned_about_its_far_corner_is_registered(plain, turn):
+    """Three degrees and three pixels: Gauss-Newton steps from the stated pose end elsewhere or nowhere."""
+    problem, first = plain
+    shift = (1.0, float(np.sign(turn)) * 3.0)
+    moved = seen_in_pose(problem, first, ImagePose(Place(turn=turn), shift))
     assert find_recording_errors(moved, first) == ()
     found = register_images(moved, first)
-    assert set(found.places) == {view.file}
-    assert found.places[view.file].turn == pytest.approx(turn, abs=2e-3)
-    assert found.shifts[view.file] == pytest.approx(shift, abs=0.3)
+    assert set(found.places) == {WALLS[0]}
+    assert found.places[WALLS[0]].turn == pytest.approx(turn, abs=3e-3)
+    assert found.shifts[WALLS[0]] == pytest.approx(shift, abs=0.5)
 
 
 def test_an_image_near_its_stated_place_is_left_to_the_alignment_of_fits(plain):
     problem, first = plain
-    view = problem.conditions[0].views[0]
-    assert register_image(problem, view.recording, first[0].observables[view.file]) is None
+    near = seen_in_pose(problem, first, ImagePose(Place(turn=5e-3), (0.2, 0.0)))
+    view = near.conditions[0].views[0]
+    assert register_image(near, view.recording, first[0].observables[view.file]) is None
 
 
 # --- the rule --------------------------------------------------------------------------------------------------------
 def test_a_hypothesis_needs_evidence_and_half_of_the_misfit():
     """ln of 150 to 1 (5.0), of one handling error in a hundred (4.6) and of ten hypotheses (2.3): 11.9."""
-    assert HypothesisEvidence(12.0, 1.2, 1.1).is_clear(10)
-    assert not HypothesisEvidence(11.8, 1.2, 1.1).is_clear(10)
-    assert HypothesisEvidence(11.8, 1.2, 1.1).is_clear(1)
+    assert HypothesisEvidence(12.0, 1.2, 1.09).is_clear(10)
+    assert not HypothesisEvidence(11.8, 1.2, 1.09).is_clear(10)
+    assert HypothesisEvidence(11.8, 1.2, 1.09).is_clear(1)
     assert not HypothesisEvidence(1000.0, 1.2, 1.11).is_clear(10)  # smooth misfit, counted pixel by pixel
     assert HypothesisEvidence(12.0, 0.99, 0.98).is_clear(10)  # both within the noise: the evidence alone decides
 

@@ -68,7 +68,27 @@ def register_image(problem: Problem, recording: Recording, predicted: Observable
         return None
     ends = [least_squares(picture.residuals, [0.0, 0.0, 0.0, turn]) for turn in START_TURNS]
     best = min(ends, key=lambda end: float(end.cost)).x
-    return picture.pose(best) if picture.largest_displacement(best) > REACH_PX else None
+    pose = picture.pose(best)
+    return pose if is_far_from(recording, picture.length, pose, STATED_POSE) else None
+
+
+def displaced_positions(
+    recording: Recording, length: float, pose: ImagePose, u: Array, v: Array
+) -> tuple[Array, Array]:
+    """Where pixels at stated u and v (m) of a wall of a block of a `length` (m) lie in a pose, as `observe` has it."""
+    pitch, about = recording.pitch, pivot(recording, length)
+    grown, start = 1.0 + pose.place.scale, corner(recording, length)
+    x = start + (u + pose.shift[0] * pitch[0] - start) * grown - about[0]
+    y = (v + pose.shift[1] * pitch[1]) * grown - about[1]
+    cos, sin = np.cos(pose.place.turn), np.sin(pose.place.turn)
+    return about[0] + x * cos - y * sin, about[1] + y * cos + x * sin
+
+
+def is_far_from(recording: Recording, length: float, pose: ImagePose, other: ImagePose) -> bool:
+    """Whether a corner of the image lies so far from where another pose has it that no alignment leads there."""
+    u, v = (a.ravel() for a in np.meshgrid(recording.u[[0, -1]], recording.v[[0, -1]]))
+    (x, y), (X, Y) = (displaced_positions(recording, length, p, u, v) for p in (pose, other))
+    return bool(np.max(np.hypot((x - X) / recording.pitch[0], (y - Y) / recording.pitch[1])) > REACH_PX)
 
 
 class _MeanPicture:
@@ -89,35 +109,18 @@ class _MeanPicture:
         self.measured: Array = mean[known] + np.nanmean(difference[:, known], axis=0)
         self.predicted = spline_filter(mean, mode="nearest")
         self.u, self.v = (a[known] for a in np.meshgrid(recording.u, recording.v))
-        length = problem.case["block.length"]
-        self.pivot, self.corner = pivot(recording, length), corner(recording, length)
+        self.length: float = problem.case["block.length"]
         self.noise = max(float(np.sqrt(np.mean(self.difference(np.zeros(4)) ** 2))) if known.any() else 0.0, 1e-12)
 
     def pose(self, z: Array) -> ImagePose:
         scale, turn = GROUPS[Kind.SCALE] * z[2], GROUPS[Kind.TURN] * z[3]
         return ImagePose(Place(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
 
-    def positions(self, z: Array, u: Array, v: Array) -> tuple[Array, Array]:
-        """Where pixels at stated u and v (m) really lie, as `observe` places them."""
-        pose, pitch = self.pose(z), self.recording.pitch
-        grown = 1.0 + pose.place.scale
-        x = self.corner + (u + pose.shift[0] * pitch[0] - self.corner) * grown - self.pivot[0]
-        y = (v + pose.shift[1] * pitch[1]) * grown - self.pivot[1]
-        cos, sin = np.cos(pose.place.turn), np.sin(pose.place.turn)
-        return self.pivot[0] + x * cos - y * sin, self.pivot[1] + y * cos + x * sin
-
-    def largest_displacement(self, z: Array) -> float:
-        """How far the corners of the image are from where they are stated to be, px."""
-        r = self.recording
-        u, v = (a.ravel() for a in np.meshgrid(r.u[[0, -1]], r.v[[0, -1]]))
-        x, y = self.positions(z, u, v)
-        return float(np.max(np.hypot((x - u) / r.pitch[0], (y - v) / r.pitch[1])))
-
     def difference(self, z: Array) -> Array:
         """Measured less predicted (pixels,) K, with all rises multiplied by what unknown friction may explain."""
         from scipy.ndimage import map_coordinates
 
-        x, y = self.positions(z, self.u, self.v)
+        x, y = displaced_positions(self.recording, self.length, self.pose(z), self.u, self.v)
         centres = (y, self.recording.v), (x, self.recording.u)
         pixels = [np.interp(at, c, np.arange(len(c))) for at, c in centres]
         rise = map_coordinates(self.predicted, pixels, order=3, mode="nearest", prefilter=False)

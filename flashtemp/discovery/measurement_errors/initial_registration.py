@@ -1,8 +1,8 @@
 """Side walls that lie far from where they are stated to lie, registered before the first fit.
 
-A registered pose is another starting point of the same fit.  It replaces the stated one only where the recording by
-itself is not adequate there and its evidence is clearly larger: an image turned by a degree may hide a pressure tilt,
-which the free pressure shapes of every fit explain as well.
+A registered pose is another starting point of the same fit.  It replaces the stated one only where the alignment ends
+elsewhere from there and the evidence of the recording by itself is clearly larger, free pressure shapes included: an
+image turned by a degree may look like a pressure tilt.
 """
 
 from __future__ import annotations
@@ -10,7 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image, with_poses
+from flashtemp.discovery.measurement_errors.image_pose import (
+    STATED_POSE,
+    ImagePose,
+    is_far_from,
+    register_image,
+    with_poses,
+)
 from flashtemp.discovery.measurement_errors.recording_fit import (
     RecordingHypothesis,
     compare_fits,
@@ -42,15 +48,18 @@ def _registered_pose(
     problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis
 ) -> ImagePose | None:
     """The pose of an image that is registered elsewhere, if the evidence is clear; None where it stays."""
-    pose = register_image(problem, hypothesis.view.recording, prediction.observables[hypothesis.file])
+    recording = hypothesis.view.recording
+    pose = register_image(problem, recording, prediction.observables[hypothesis.file])
     if pose is None:
         return None
     stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE)
-    if stated.is_adequate or (stated := stated.aligned()).is_adequate:
-        return None
     try:
-        registered = fit_at_pose(problem, task, prediction, hypothesis, pose).aligned()
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise)
+        if compare_fits(problem, [stated], [registered]).ln_bayes <= 0.0:
+            return None
+        stated, registered = stated.aligned(), registered.aligned()
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return None
     found = compare_fits(problem, [stated], [registered])
-    return registered.pose if found.is_clear(1) else None
+    is_other = is_far_from(recording, problem.case["block.length"], registered.pose, stated.pose)
+    return registered.pose if is_other and found.is_clear(1) else None

@@ -21,7 +21,6 @@ from flashtemp.comparison.compare import check
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
-    MIN_COMMON_FRACTION,
     NO_COMPANIONS,
     Companions,
     HypothesisEvidence,
@@ -43,6 +42,8 @@ from flashtemp.model.scene import Scene
 # A hypothesis is fitted only if the plain picture speaks less than so much against it: cost, no criterion.  A missing
 # effect may make the picture of a recording as it is this much worse than one that is turned over.
 SCREENING_RATIO = 2.0
+MIN_SHARED_FRACTION = 0.5  # of the values of two recordings that both know, to be compared at all
+END_TOLERANCE = 0.05  # relative: last frames of two cameras that run through the same test
 
 
 class ErrorKind(StrEnum):
@@ -89,22 +90,34 @@ class RecordingError:
 def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
     """Recordings whose frames cannot belong to the schedule of their condition, and do to that of another one.
 
-    Of several conditions that are possible the one is taken whose own recording of the same view cannot stay there
-    either; where that leaves a choice, none is taken.
+    Two are exchanged where each may be what the other is stated to be, and no third one may.  One is moved where only
+    one condition is possible and its frames end like those of a recording there.
     """
     scenes = _scenes(problem)
-    lost = [(n, v) for n, c in enumerate(problem.conditions) for v in c.views if not is_possible(v, scenes[n])]
-    homes = {v.file: [n for n, scene in enumerate(scenes) if is_possible(v, scene)] for _, v in lost}
+    entries = [(n, v) for n, c in enumerate(problem.conditions) for v in c.views]
+    homes = {v.file: [n for n, scene in enumerate(scenes) if is_possible(v, scene)] for _, v in entries}
+    lost = [(n, v) for n, v in entries if n not in homes[v.file]]
     out: list[RecordingError] = []
     for number, view in lost:
-        partners = [(n, v) for n, v in lost if _is_alike(v, view) and n in homes[view.file] and number in homes[v.file]]
+        if any(view.file in e.files for e in out):
+            continue
+        partners = [
+            (n, v) for n, v in entries if _is_alike(v, view) and n in homes[view.file] and number in homes[v.file]
+        ]
+        partners = [pair for pair in partners if pair in lost] or partners
         if len(partners) == 1:
             [(other, their)] = partners
-            if not any(view.file in e.files for e in out):
-                out.append(_exchange((view, other), (their, number), IMPOSSIBLE))
-        elif not partners and len(homes[view.file]) == 1:
+            out.append(_exchange((view, other), (their, number), IMPOSSIBLE))
+        elif not partners and len(homes[view.file]) == 1 and _ends_alike(problem, view, homes[view.file][0]):
             out.append(_move(problem, view, homes[view.file][0], IMPOSSIBLE))
     return tuple(out)
+
+
+def _ends_alike(problem: Problem, view: View, number: int) -> bool:
+    """Whether a recording of a condition ends when this one does; else the schedule may be what is stated wrongly."""
+    end = view.recording.time[-1]
+    others = (v.recording for v in problem.conditions[number].views if v.file != view.file)
+    return any(abs(r.time[-1] - end) <= END_TOLERANCE * end for r in others)
 
 
 def _scenes(problem: Problem) -> list[Scene]:
@@ -115,7 +128,9 @@ def _scenes(problem: Problem) -> list[Scene]:
 
 # --- what the evidence speaks against ----------------------------------------------------------------------------
 def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -> tuple[RecordingError, ...]:
-    """All recordings that are clearly something else than stated, the clearest error first.
+    """All recordings that are clearly something else than stated, the clearest error first, one for each recording.
+
+    Errors whose correction is adequate come before those that only leave less misfit.
 
     `predictions`: at the start of the problem, with all nuisances and with fields (`replace(everything(problem),
     fields=True)`).  Nothing is simulated again unless a recording is not adequate as stated and may belong to a
@@ -124,7 +139,7 @@ def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -
     search = _Search(problem, tuple(predictions))
     found = [*_duplicates(search), *_turned_over(search), *_other_views(search), *_elsewhere(search)]
     out: list[RecordingError] = []
-    for error in sorted(found, key=lambda e: -e.evidence.ln_bayes):
+    for error in sorted(found, key=lambda e: (not e.evidence.is_adequate, -e.evidence.ln_bayes)):
         if not any(set(error.files) & set(other.files) for other in out):
             out.append(error)
     return tuple(out)
@@ -283,7 +298,7 @@ def _has_same_values(a: View, b: View) -> bool:
     if first.shape != second.shape:
         return False
     known = np.isfinite(first) & np.isfinite(second)
-    is_enough = np.count_nonzero(known) >= MIN_COMMON_FRACTION * np.count_nonzero(
+    is_enough = np.count_nonzero(known) >= MIN_SHARED_FRACTION * np.count_nonzero(
         np.isfinite(first) | np.isfinite(second)
     )
     return bool(
@@ -304,8 +319,7 @@ def _possible_flips(view: View) -> list[ErrorKind]:
 def _turned_over(search: _Search) -> Iterator[RecordingError]:
     for e in search.entries:
         stated = search.stated_misfit(e)
-        found = [error for kind in _possible_flips(e.view) if (error := _flip_error(search, e, kind, stated))]
-        yield from sorted(found, key=lambda error: -error.evidence.ln_bayes)[:1]
+        yield from filter(None, (_flip_error(search, e, kind, stated) for kind in _possible_flips(e.view)))
 
 
 def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, stated_misfit: float) -> RecordingError | None:

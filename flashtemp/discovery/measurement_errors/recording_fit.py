@@ -30,7 +30,7 @@ from flashtemp.errors import BadInput, FlashtempError
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
-MIN_COMMON_FRACTION = 0.5  # of the stated data that a hypothesis must predict too, to be compared at all
+MIN_COMMON_FRACTION = 0.25  # of the stated data that a hypothesis must predict too, to be compared at all
 LN_ODDS_HANDLING_ERROR = float(np.log(100.0))  # prior: one recording of a hundred is handled wrongly
 FRICTION_LAW_SD = 0.3  # ln of friction between conditions, by laws of load and speed that a case may lack
 TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
@@ -54,6 +54,12 @@ class RecordingHypothesis:
     def in_file_order(self, images: Mask) -> Mask:
         """Images (frames, nv, nu) with their pixels in the order of the file."""
         return np.flip(images, self.flipped) if self.flipped else images
+
+
+def is_adequate(chi2_per_datum: float, count: int) -> bool:
+    """Whether chi2 per datum of so many data may be noise of the stated size, as well as that is known."""
+    tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(count, 1))
+    return bool(chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
 
 
 @dataclass(frozen=True)
@@ -99,8 +105,7 @@ class RecordingFit:
     @property
     def is_adequate(self) -> bool:
         """Whether what is left may be noise of the stated size, as well as that is known."""
-        tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(self.block.count, 1))
-        return bool(self.chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
+        return is_adequate(self.chi2_per_datum, self.block.count)
 
     def aligned(self) -> RecordingFit:
         """The fit with its image where the data want it.  Raises SolverFailure."""
@@ -135,7 +140,7 @@ def fit_recording(
     if pose is None:
         return stated
     try:
-        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, noise)
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise)
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return stated
     return max(stated, registered, key=lambda fit: fit.ln_evidence)
@@ -176,11 +181,17 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
 @dataclass(frozen=True)
 class HypothesisEvidence:
     """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
-    what the best calibration of the recordings alone leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
+    what the best calibration of `count` data leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
 
     ln_bayes: float
     chi2_stated: float = np.nan
     chi2_corrected: float = np.nan
+    count: int = 0
+
+    @property
+    def is_adequate(self) -> bool:
+        """Whether what the hypothesis leaves may be noise; so of one that nothing else can stand for."""
+        return not np.isfinite(self.ln_bayes) or is_adequate(self.chi2_corrected, self.count)
 
     @property
     def halves_excess(self) -> bool:
@@ -225,20 +236,20 @@ def compare_fits(
             return HypothesisEvidence(-np.inf)
         before.append(a.restricted_to(common))
         after.append(b.restricted_to(common))
-    (ln_stated, chi2_stated), (ln_other, chi2_other) = (
-        _joint_fit(problem, fits, companions) if len(fits) > 1 or companions != NO_COMPANIONS
-        else (fits[0].ln_evidence, fits[0].chi2_per_datum)
-        for fits in (before, after)
-    )  # fmt: skip
-    return HypothesisEvidence(ln_other - ln_stated, chi2_stated, chi2_other)
+    (ln_stated, chi2_stated, count), (ln_other, chi2_other, _) = (
+        _joint_fit(problem, fits, companions) for fits in (before, after)
+    )
+    return HypothesisEvidence(ln_other - ln_stated, chi2_stated, chi2_other, count)
 
 
-def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float]:
-    """ln evidence and chi2 per datum of recordings and their companions together: they share all that is the case's.
+def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float, int]:
+    """ln evidence, chi2 per datum and number of data of recordings and their companions together.
 
     The friction of every condition may be its own, as by any law that the case lacks: the size of a rise alone does not
     tell to which condition a recording belongs, but one friction has to explain all that was measured together.
     """
+    if len(fits) == 1 and companions == NO_COMPANIONS:
+        return fits[0].ln_evidence, fits[0].chi2_per_datum, fits[0].block.count
     together = (*fits, *companions.fits)
     views = tuple(fit.hypothesis.view for fit in together)
     whole = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
@@ -249,8 +260,8 @@ def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Compa
     system = System([*blocks, *companions.traces])
     levels = {p: (0.0, FRICTION_LAW_SD) for p in system.names if p.kind is Kind.LEVEL}
     solution = estimate(whole, system, model, levels).solution
-    chi2 = sum(system.left(solution)) / sum(b.count for b in system.blocks)
-    return solution.ln_evidence, chi2
+    count = sum(b.count for b in system.blocks)
+    return solution.ln_evidence, sum(system.left(solution)) / max(count, 1), count
 
 
 def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[Block, ...]:

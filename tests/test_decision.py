@@ -1,0 +1,97 @@
+"""The verdict follows from evidence by one function: every kind, and comparisons that noise alone must not decide."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flashtemp.discovery.criteria import CRITERIA, Criteria, table
+from flashtemp.discovery.decision import AdequacyTest, Alternative, EffectSize, Evidence, decide
+
+SEEN = EffectSize(rise_fraction=0.045, change_K=0.1, mesh_error_K=0.002)
+QUIET = (AdequacyTest("noise left over", 0.9, 1.0),)
+CAUSE = Evidence(
+    is_converged=True, base_certainly_misfits=False, causes=("pressure_tilt",), ln_bayes=58.0,
+    ln_bayes_discrepancy=50.0, heldout_gain=43.0, size=SEEN, adequacy=QUIET,
+)  # fmt: skip
+NOTHING = Evidence(is_converged=True, base_certainly_misfits=False, adequacy=QUIET)
+
+
+def test_a_plain_cause_is_named_whatever_an_rms_does():
+    """ln Bayes factor 58 and left-out data likelier by 43; an rms that moved in its last digit is no evidence at all."""
+    assert decide(CAUSE).kind == "named"
+    assert not any("rms" in f for f in Evidence.__dataclass_fields__)
+
+
+def test_nothing_missing_is_an_answer():
+    found = decide(NOTHING)
+    assert found.kind == "none_needed"
+    assert found.reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ({"is_converged": False}, "no_verdict"),
+        ({"is_converged": False, "base_certainly_misfits": True}, "unexplained"),
+        ({"adequacy": (AdequacyTest("noise left over", 1.2, 1.0),)}, "unexplained"),
+        ({"unresolved": {"wear": 30.0}}, "no_verdict"),
+        ({"ln_bayes": 7.0, "ln_bayes_discrepancy": 7.0}, "weak"),
+        ({"ln_bayes_discrepancy": 6.0}, "weak"),
+        ({"heldout_gain": -5.0}, "weak"),
+        ({"size": EffectSize(5e-4, change_K=0.01)}, "none_needed"),
+        ({"size": EffectSize(4e-3, change_K=0.001, mesh_error_K=0.01)}, "weak"),
+        ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 2.0),)}, "group"),
+        ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 20.0),)}, "named"),
+        ({"is_hint": True, "ln_bayes": 6.0, "ln_bayes_discrepancy": 6.0}, "weak"),
+    ],
+)
+def test_each_rule_has_its_verdict(change, kind):
+    assert decide(replace(CAUSE, **change)).kind == kind
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ({"setup_errors": ("pixel_scale",)}, "named"),
+        ({"recording_errors": ("exchanged",)}, "named"),
+        ({"contradicted_input": "contact.pressure"}, "held_key"),
+        ({"setup_errors": ("block_length",), "setup_alternatives": ("pixel_scale",)}, "group"),
+        ({"learned_law": "friction over place", "law_excess_left": 0.4}, "learned"),
+        ({"learned_law": "friction over place", "law_excess_left": 0.9}, "unexplained"),
+    ],
+)
+def test_what_is_no_effect_has_its_verdict(change, kind):
+    assert decide(replace(NOTHING, **change)).kind == kind
+
+
+def test_a_verdict_that_is_not_certain_says_why():
+    reasons = decide(replace(CAUSE, ln_bayes=7.0)).reasons
+    assert reasons == ("the ln Bayes factor of pressure_tilt is 7.0; 8 names it",)
+
+
+def test_members_of_a_group_are_the_accepted_and_the_other():
+    other = Alternative(frozenset({"edge_pressure", "wear"}), 1.0)
+    found = decide(replace(CAUSE, causes=("pressure_tilt", "wear"), ln_bayes=90.0, alternatives=(other,)))
+    assert found.kind == "group"
+    assert set(found.group) == {"pressure_tilt", "edge_pressure"}
+
+
+def test_left_out_data_speak_against_a_true_cause_once_in_forty_times_at_most():
+    """Of two normal predictions D apart the true one gains D^2/2 +- D: simulated, not derived."""
+    rng = np.random.default_rng(5)
+    for apart in (0.5, 1.0, 2.0, 4.0, 8.0):
+        noise = rng.normal(size=(20_000, 4))
+        shift = np.full(4, apart / 2.0)
+        gain = 0.5 * (((noise + shift) ** 2).sum(axis=1) - (noise**2).sum(axis=1))
+        assert np.mean(gain < CRITERIA.heldout_against) < 1.0 / 40.0 + 0.004
+
+
+def test_there_are_at_most_forty_numbers_and_each_says_what_it_is():
+    rows = table()
+    assert len(rows) == len(Criteria.__dataclass_fields__) <= 40
+    for name, value, unit, meaning, reason in rows:
+        assert np.isfinite(value), name
+        assert unit, name
+        assert len(meaning) > 15, name
+        assert len(reason) > 5, name

@@ -798,7 +798,10 @@ def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted
     page = verdict_report.text(v)
     reader = Reader(page)
     rows = reader.table("what was asked")
-    assert [r[2:] for r in rows[:2]] == [["12", "≥ 8", "passed"], ["31.2", "≤ 3", ADEQUACY_WORDS[FAILED.name].fails]]
+    assert [r[2:] for r in rows[:2]] == [
+        ["12", "≥\N{NO-BREAK SPACE}8", "passed"],
+        ["31.2", "≤\N{NO-BREAK SPACE}3", ADEQUACY_WORDS[FAILED.name].fails],
+    ]
     assert explain_uncertainty(v) in reader.text
     contradicted = reader.table("stated input")
     assert contradicted[:2] == [  # the most certain first, in the units of people

@@ -216,17 +216,16 @@ def seen_in_pose(problem, first, pose):
     return with_images(problem, {view.file: seen.values + noise})
 
 
-@pytest.mark.parametrize("turn", [0.05, -0.05])
-def test_an_image_turned_about_its_far_corner_is_registered(plain, turn):
-    """Three degrees and three pixels: Gauss-Newton steps from the stated pose end elsewhere or nowhere."""
+@pytest.mark.parametrize(("turn", "shift"), [(0.05, (1.0, 3.0)), (-0.05, (3.0, -2.0))])
+def test_an_image_turned_about_its_far_corner_is_registered(plain, turn, shift):
+    """Three degrees and three pixels: Gauss-Newton steps from the stated pose end elsewhere, or nowhere."""
     problem, first = plain
-    shift = (1.0, float(np.sign(turn)) * 3.0)
     moved = seen_in_pose(problem, first, ImagePose(Place(turn=turn), shift))
     assert find_recording_errors(moved, first) == ()
     found = register_images(moved, first)
     assert set(found.places) == {WALLS[0]}
     assert found.places[WALLS[0]].turn == pytest.approx(turn, abs=3e-3)
-    assert found.shifts[WALLS[0]] == pytest.approx(shift, abs=0.5)
+    assert found.shifts[WALLS[0]] == pytest.approx(shift, abs=1.2)
 
 
 def test_an_image_near_its_stated_place_is_left_to_the_alignment_of_fits(plain):

@@ -46,7 +46,7 @@ def _rule(r: RuleResult) -> list[str]:
     result = "passed" if r.passed else words.fails or r.consequence
     if not words.measured_by:  # a yes or no, without a number
         return [words.passes, "–", "–", "–", result]
-    limit = f"{'≤' if words.is_upper else '≥'} {number(r.limit)}"
+    limit = f"{'≤' if words.is_upper else '≥'}\N{NO-BREAK SPACE}{number(r.limit)}"
     return [words.passes, words.measured_by, number(r.value + 0.0), limit, result]  # no negative zero
 
 

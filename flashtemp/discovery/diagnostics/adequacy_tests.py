@@ -48,12 +48,11 @@ def adequacy_tests(problem: Problem, fit: Fit, criteria: Criteria) -> tuple[Adeq
 def largest_misfit(fit: Fit, every: Fit, criteria: Criteria) -> float:
     """Largest chi2 per datum of a recording, over what its noise may give: its stated variance is uncertain itself."""
     worst = 0.0
-    left = {b.label: e for f in (fit, every) for b, e in zip(f.blocks, f.system.left(f.solution), strict=True)
-            if b.held_out is (f is every)}  # fmt: skip
-    for b in fit.blocks:
+    fitted, all_data = (f.system.left(f.solution) for f in (fit, every))
+    for b, seen, unseen in zip(fit.blocks, fitted, all_data, strict=True):
         chance = criteria.adequacy_standard_errors * np.sqrt(2.0 / b.count)
         known = 2.0 * 2.0 * criteria.noise_sd_uncertainty  # two standard uncertainties of a variance
-        chi2 = left.get(b.label, 0.0) / b.count
+        chi2 = (unseen if b.held_out else seen) / b.count
         worst = max(worst, chi2 / (1.0 + float(np.hypot(chance, known))))
     return float(worst)
 

@@ -137,7 +137,10 @@ def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -
     condition with frames at other times.
     """
     search = _Search(problem, tuple(predictions))
-    found = [*_duplicates(search), *_turned_over(search), *_other_views(search), *_elsewhere(search)]
+    found: list[RecordingError] = []
+    for look in (_duplicates, _turned_over, _other_views, _elsewhere):
+        explained = {file for e in found if e.evidence.is_adequate for file in e.files}
+        found += look(search, tuple(e for e in search.entries if e.view.file not in explained))
     out: list[RecordingError] = []
     for error in sorted(found, key=lambda e: (not e.evidence.is_adequate, -e.evidence.ln_bayes)):
         if not any(set(error.files) & set(other.files) for other in out):
@@ -275,9 +278,8 @@ class _Search:
 
 
 # --- copies ------------------------------------------------------------------------------------------------------
-def _duplicates(search: _Search) -> Iterator[RecordingError]:
+def _duplicates(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
     """Recordings that hold the values of another one: noise does not repeat.  The one that fits worse is left out."""
-    entries = search.entries
     for k, second in enumerate(entries):
         first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
         if first is None:
@@ -316,8 +318,8 @@ def _possible_flips(view: View) -> list[ErrorKind]:
     return [ErrorKind.MIRRORED, *((ErrorKind.UPSIDE_DOWN, ErrorKind.ROTATED) if has_rows else ())]
 
 
-def _turned_over(search: _Search) -> Iterator[RecordingError]:
-    for e in search.entries:
+def _turned_over(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
+    for e in entries:
         stated = search.stated_misfit(e)
         yield from filter(None, (_flip_error(search, e, kind, stated) for kind in _possible_flips(e.view)))
 
@@ -357,9 +359,9 @@ def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> li
 
 
 # --- recordings of another condition -----------------------------------------------------------------------------
-def _elsewhere(search: _Search) -> Iterator[RecordingError]:
+def _elsewhere(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
     """Recordings that belong to another condition, and pairs of them that are exchanged."""
-    for e in search.entries:
+    for e in entries:
         host = _likeliest_host(search, e)
         visit = None if host is None else _visiting_fit(search, e, host)
         if host is None or visit is None:
@@ -422,10 +424,10 @@ def is_possible(view: View, scene: Scene) -> bool:
     return True
 
 
-def _other_views(search: _Search) -> Iterator[RecordingError]:
+def _other_views(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
     """Pairs of recordings of one condition whose images bear the view and the pixels of each other."""
-    for k, a in enumerate(search.entries):
-        for b in search.entries[k + 1 :]:
+    for k, a in enumerate(entries):
+        for b in entries[k + 1 :]:
             shapes = a.view.recording.temperature.shape, b.view.recording.temperature.shape
             views = {a.view.recording.view, b.view.recording.view}
             if a.number != b.number or len(views) < 2 or "points" in views or shapes[0] != shapes[1]:

@@ -79,8 +79,8 @@ DECISION_WORDS = {  # by the names of the other rules of `decide`
 def describe_rule(name: str) -> RuleWords:
     """The words for a rule by its name; its own name where there are none.
 
-    >>> describe_rule("it is told from wear").passes
-    'It is distinguished from wear'
+    >>> describe_rule("it is told from a rival").passes
+    'It is distinguished from a rival'
     """
     if name.startswith("it is told from "):
         return RuleWords(f"It is distinguished from {name.removeprefix('it is told from ')}", "ln Bayes factor")

@@ -1,8 +1,8 @@
 """Side walls that lie far from where they are stated to lie, registered before the first fit.
 
-A registered pose is another starting point of the same fit.  It replaces the stated one only where the alignment ends
-elsewhere from there and the evidence of the recording by itself is clearly larger, free pressure shapes included: an
-image turned by a degree may look like a pressure tilt.
+A registered pose is another starting point of the same fit.  It replaces the stated one only where the recording by
+itself is adequate there, and is not after an alignment from the stated pose: an image that is turned and scaled may
+hide a part of a pressure peak or tilt, which then leaves misfit in both.
 """
 
 from __future__ import annotations
@@ -53,13 +53,12 @@ def _registered_pose(
     if pose is None:
         return None
     stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE)
+    if stated.is_adequate or (stated := stated.aligned()).is_adequate:
+        return None
     try:
-        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise)
-        if compare_fits(problem, [stated], [registered]).ln_bayes <= 0.0:
-            return None
-        stated, registered = stated.aligned(), registered.aligned()
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise).aligned()
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return None
-    found = compare_fits(problem, [stated], [registered])
     is_other = is_far_from(recording, problem.case["block.length"], registered.pose, stated.pose)
-    return registered.pose if is_other and found.is_clear(1) else None
+    is_clear = compare_fits(problem, [stated], [registered]).is_clear(1)
+    return registered.pose if is_other and is_clear and registered.is_adequate else None

@@ -19,6 +19,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import check
 from flashtemp.comparison.noise import Noise
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     NO_COMPANIONS,
@@ -29,6 +30,7 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     compare_fits,
     fit_recording,
     fit_traces,
+    flipped_recordings,
     has_same_moments,
     predict_otherwise,
     resampled_images,
@@ -138,14 +140,19 @@ def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -
     """
     search = _Search(problem, tuple(predictions))
     found: list[RecordingError] = []
-    for look in (_duplicates, _turned_over, _other_views, _elsewhere):
+    for look in (_duplicates, _other_views, _turned_over, _elsewhere):
         explained = {file for e in found if e.evidence.is_adequate for file in e.files}
         found += look(search, tuple(e for e in search.entries if e.view.file not in explained))
+    return tuple(_best_for_each_file(found))
+
+
+def _best_for_each_file(errors: Sequence[RecordingError]) -> list[RecordingError]:
+    """The clearest error of each recording, those whose correction is adequate before all others."""
     out: list[RecordingError] = []
-    for error in sorted(found, key=lambda e: (not e.evidence.is_adequate, -e.evidence.ln_bayes)):
+    for error in sorted(errors, key=lambda e: (not e.evidence.is_adequate, -e.evidence.ln_bayes)):
         if not any(set(error.files) & set(other.files) for other in out):
             out.append(error)
-    return tuple(out)
+    return out
 
 
 def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Problem:
@@ -252,8 +259,12 @@ class _Search:
         """Number of hypotheses about a recording."""
         return len(_possible_flips(e.view)) + len(self.problem.conditions) - 1
 
-    def judged(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> HypothesisEvidence | None:
+    def judged(
+        self, e: Sequence[_Entry], fits: Sequence[RecordingFit], is_expected: bool = False
+    ) -> HypothesisEvidence | None:
         """Evidence of hypotheses about recordings together against these as stated; None if it is not clear.
+
+        One `is_expected` where the same error was found before: it has even prior odds.
 
         Images are aligned only where the linearised fits are better: those of wrong hypotheses go astray at great cost.
         """
@@ -264,6 +275,8 @@ class _Search:
             found = compare_fits(self.problem, stated, aligned, self._companions(e, fits))
         except FlashtempError:
             return None
+        if is_expected and found.ln_bayes > CRITERIA.ln_bayes_distinct:
+            return found
         return found if found.is_clear(self.hypotheses_about(e[0])) else None
 
     def _companions(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> Companions:
@@ -319,43 +332,38 @@ def _possible_flips(view: View) -> list[ErrorKind]:
 
 
 def _turned_over(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
-    for e in entries:
-        stated = search.stated_misfit(e)
-        yield from filter(None, (_flip_error(search, e, kind, stated) for kind in _possible_flips(e.view)))
+    """Images that are clearly turned over, and with them those of the same view that rather are than not.
+
+    A camera is set up, and its images exported, in one way: what happened once has no small prior odds any more.
+    """
+    found = [e for entry in entries for kind in _possible_flips(entry.view) if (e := _flip_error(search, entry, kind))]
+    yield from found
+    views = {e.view.file: e.view.recording.view for e in entries}
+    happened = {(views[e.files[0]], e.kind) for e in _best_for_each_file(found)}
+    concerned = {e.files[0] for e in found}
+    for entry in entries:
+        for kind in _possible_flips(entry.view):
+            if entry.view.file not in concerned and (entry.view.recording.view, kind) in happened:
+                yield from filter(None, [_flip_error(search, entry, kind, True)])
 
 
-def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, stated_misfit: float) -> RecordingError | None:
+def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, is_expected: bool = False) -> RecordingError | None:
     """The error that a recording is turned over, if it clearly is."""
     length = search.problem.case["block.length"]
     views = [replace(e.view, recording=r) for r in flipped_recordings(e.view.recording, FLIPS[kind], length)]
     misfits = [search.picture_misfit(v, resampled_images(e.predicted, e.view, v)) for v in views]
     best = int(np.argmin(misfits))
-    if not misfits[best] < SCREENING_RATIO * stated_misfit:
+    if not is_expected and not misfits[best] < SCREENING_RATIO * search.stated_misfit(e):
         return None
     hypothesis = RecordingHypothesis(views[best], e.number, FLIPS[kind])
     fit = search.otherwise(e, hypothesis, e.view)
-    found = fit and search.judged([e], [fit])
+    found = fit and search.judged([e], [fit], is_expected)
     if not fit or not found:
         return None
     file = e.view.file
     poses = {} if fit.pose == STATED_POSE else {file: fit.pose}
     right = {file: (e.number, views[best])}
     return RecordingError(kind, (file,), f"{file} {FLIP_WORDS[kind]}", found, right, poses=poses)
-
-
-def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
-    """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
-
-    Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
-    ends, as where they were marked in the images as they are.
-    """
-    flipped = replace(r, temperature=np.ascontiguousarray(np.flip(r.temperature, axes)))
-    if 2 not in axes:
-        return [flipped]
-    in_place = replace(flipped, u=np.ascontiguousarray((r.u[0] + r.u[-1] - r.u)[::-1]))
-    if r.view == "wake":
-        return [in_place]
-    return [in_place, replace(flipped, u=np.ascontiguousarray((length - r.u)[::-1]))]
 
 
 # --- recordings of another condition -----------------------------------------------------------------------------

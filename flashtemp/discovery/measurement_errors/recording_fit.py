@@ -284,6 +284,21 @@ def numbered_block(block: Block, condition: int) -> Block:
 
 
 # --- predictions of a recording that is seen otherwise -----------------------------------------------------------
+def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
+    """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
+
+    Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
+    ends, as where they were marked in the images as they are.
+    """
+    flipped = replace(r, temperature=np.ascontiguousarray(np.flip(r.temperature, axes)))
+    if 2 not in axes:
+        return [flipped]
+    in_place = replace(flipped, u=np.ascontiguousarray((r.u[0] + r.u[-1] - r.u)[::-1]))
+    if r.view == "wake":
+        return [in_place]
+    return [in_place, replace(flipped, u=np.ascontiguousarray((length - r.u)[::-1]))]
+
+
 def predict_otherwise(
     problem: Problem, task: Task, prediction: Prediction, source: View, hypothesis: RecordingHypothesis
 ) -> tuple[RecordingHypothesis, Prediction]:

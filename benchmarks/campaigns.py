@@ -2,11 +2,13 @@
 
     python benchmarks/campaigns.py run FOLDER RESULTS.jsonl [--processes N] [--limit SECONDS] [--engine MODULE]
     python benchmarks/campaigns.py table RESULTS.jsonl [OTHER.jsonl]
+    python benchmarks/campaigns.py summary RESULTS.jsonl... --out benchmarks/results/discovery_validation.json
 
 `--only GLOB` restricts either to names that fit.  FOLDER/NAME/campaign is a campaign.  FOLDER/NAME/truth.json holds
 `kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for a mistake of the set-up,
 `setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues;
 a results file holds the verdicts of one engine.  Tables have a row per kind and per source, the first word of a NAME.
+`--store STORE` keeps the evidence of each verdict, some 30 kB, in STORE/NAME.pkl.xz for `criteria_replay.py`.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import nullcontext
 from fnmatch import fnmatch
 from functools import partial
 from importlib import import_module
@@ -34,7 +37,7 @@ from typing import Any
 
 import numpy as np
 
-ENGINE = "flashtemp.discovery.discover"
+ENGINE = "flashtemp.discovery.engine"
 LIMIT_S = 300
 REFERENCE_COUNT_S = 0.18  # in which a core of the published CPU times counts to ten million
 WALL_PER_CPU = 10  # wall seconds per CPU second after which a process that waits for something is ended
@@ -44,6 +47,11 @@ OUTCOMES = (
     "timeout", "failed",
 )  # fmt: skip
 CORRECT = ("right", "extra", "part", "group", "weak")  # outcomes whose causes include a hidden effect
+SUMMARY_COLUMNS: dict[str, tuple[str, ...]] = {  # columns of docs/discovery_validation.md and the OUTCOMES in each
+    "right": ("right",), "part": ("part", "law"), "group": ("group",), "weak": ("weak",), "none": ("none",),
+    "unexplained": ("unexplained",), "no_verdict": ("no_verdict", "timeout", "failed"), "weak_wrong": ("weak wrong",),
+    "wrong": ("wrong", "extra"),
+}  # fmt: skip
 EXPECTED = {  # causes and inputs that count as right for a mistake of the set-up; several where they share an effect
     "length": ("block_length", "block.length", "pixel_scale"), "turned": ("image_turn",), "mirrored": ("mirrored",),
     "larger": ("pixel_scale", "block_length", "block.length"), "exchanged": ("exchanged", "mislabelled"),
@@ -54,9 +62,10 @@ Record = dict[str, Any]
 
 
 # --- one campaign, in a process of its own ----------------------------------------------------------------------
-def judge_campaign(folder: Path, engine: str, limit: int) -> Record:
-    """Verdict of an engine on FOLDER/campaign, with the CPU and wall seconds that it took."""
+def judge_campaign(folder: Path, engine: str, limit: int, store: Path | None = None) -> Record:
+    """Verdict of an engine on FOLDER/campaign, with the CPU and wall seconds that it took; its evidence in `store`."""
     from discover import counting_time
+    from stored_evidence import Recorder, write_evidence
 
     from flashtemp.comparison import campaign
 
@@ -64,14 +73,26 @@ def judge_campaign(folder: Path, engine: str, limit: int) -> Record:
     count_s = counting_time()
     soft = math.ceil(time.process_time()) + limit
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (soft, soft + 10))
+    resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY if store else soft + 10))
+    recorder = Recorder()
     cpu, wall = time.process_time(), time.perf_counter()
     try:
-        found = discover(campaign.load(folder / "campaign"), partial(print, file=sys.stderr, flush=True), 1)
+        with recorder.installed() if store else nullcontext():
+            found = discover(campaign.load(folder / "campaign"), partial(print, file=sys.stderr, flush=True), 1)
         out = describe_verdict(found[0] if isinstance(found, tuple) else found, read_truth(folder)["hidden"])
     except Exception:  # a failure is a result too
         out = {"verdict": "failed", "error": traceback.format_exc(limit=-6)}
-    return out | {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall, "count_s": count_s}
+    out |= {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall, "count_s": count_s}
+    if store and recorder.systems:
+        resource.setrlimit(resource.RLIMIT_CPU, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        try:
+            write_evidence(
+                recorder.evidence({"name": folder.name, **read_truth(folder), **out}), store / f"{folder.name}.pkl.xz"
+            )
+        except Exception:  # the verdict counts all the same
+            out["not_stored"] = traceback.format_exc(limit=-6)
+        out["store_s"] = time.process_time() - cpu - out["cpu_s"]
+    return out
 
 
 def read_truth(folder: Path) -> Record:
@@ -119,25 +140,28 @@ def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[s
 
 
 # --- all campaigns ----------------------------------------------------------------------------------------------
-def run_campaigns(folder: Path, results: Path, pattern: str, engine: str, processes: int, limit: int) -> None:
+def run_campaigns(
+    folder: Path, results: Path, pattern: str, engine: str, processes: int, limit: int, store: Path | None = None
+) -> None:
     """Append one line to `results` for every campaign that it does not hold yet."""
     done = {r["name"] for r in read_records(results, engine)} if results.exists() else set()
     found = sorted(p.parent.parent for p in folder.glob("*/campaign/campaign.toml"))
     waiting = [p for p in found if p.name not in done and fnmatch(p.name, pattern)]
     with ThreadPoolExecutor(processes) as pool, results.open("a", encoding="utf-8") as out:
-        for future in as_completed([pool.submit(run_in_child, p, engine, limit) for p in waiting]):
+        for future in as_completed([pool.submit(run_in_child, p, engine, limit, store) for p in waiting]):
             record = future.result()
             out.write(json.dumps(record, default=float) + "\n")
             out.flush()
             print(summarise_record(record), flush=True)
 
 
-def run_in_child(folder: Path, engine: str, limit: int) -> Record:
+def run_in_child(folder: Path, engine: str, limit: int, store: Path | None = None) -> Record:
     """Record of one campaign: truth and verdict, `timeout` beyond the limit, `failed` where the process broke."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as scratch:
         out, log = Path(scratch, "record.json"), Path(scratch, "log.txt")
         words = [sys.executable, __file__, "child", str(folder), str(out), "--engine", engine, "--limit", str(limit)]
+        words += ["--store", str(store)] if store else []
         with log.open("w") as text:
             child = subprocess.Popen(words, stdout=text, stderr=text, env=os.environ | {"OMP_NUM_THREADS": "1"})
             guard = threading.Timer(WALL_PER_CPU * (limit + 10), child.kill)
@@ -262,12 +286,52 @@ def summarise_coverage(records: list[Record]) -> str:
     """How many 95 % intervals of rightly named effects hold the truth, with Clopper and Pearson's 95 % bounds."""
     from scipy.stats import binomtest
 
-    known = [p for r in records if classify(r) in CORRECT for p in r["parameters"] if p["true"] is not None]
-    if not known:
+    inside, count = count_intervals(records)
+    if not count:
         return ""
-    inside = sum(p["ci95"][0] <= p["true"] <= p["ci95"][1] for p in known)
-    low, high = binomtest(inside, len(known)).proportion_ci(0.95, method="exact")
-    return f"; 95 % intervals hold the truth in {inside} of {len(known)} ({100 * low:.0f} to {100 * high:.0f} %)"
+    low, high = binomtest(inside, count).proportion_ci(0.95, method="exact")
+    return f"; 95 % intervals hold the truth in {inside} of {count} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def summarise(records: list[Record]) -> Record:
+    """The figures of docs/discovery_validation.md: a row for each set and kind, and how many intervals hold the truth.
+
+    CPU seconds are those of a core that counts to ten million in REFERENCE_COUNT_S.  No cause where nothing is hidden
+    is right.
+    """
+    counted = [r["count_s"] for r in records if "count_s" in r]
+    usual = float(np.median(counted)) if counted else math.nan
+    rows: dict[tuple[str, str], list[Record]] = {}
+    for r in sorted(records, key=lambda r: (source(r), r["kind"], min(r.get("z", {}).values(), default=math.inf))):
+        rows.setdefault((source(r), label(r)), []).append(r)
+    return {
+        "counting_time_s": REFERENCE_COUNT_S,
+        "rows": [{"set": name, "kind": kind, **summarise_row(own, usual)} for (name, kind), own in rows.items()],
+        "intervals": [
+            {"set": name, "inside": inside, "intervals": count}
+            for name in dict.fromkeys(map(source, records))
+            for inside, count in [count_intervals([r for r in records if source(r) == name])]
+            if count
+        ],
+    }
+
+
+def summarise_row(records: list[Record], usual_count_s: float) -> Record:
+    """Campaigns of one row by SUMMARY_COLUMNS, with their CPU seconds on the reference core."""
+    count = Counter("right" if r["kind"] == "null" and classify(r) == "none" else classify(r) for r in records)
+    spent = [r["cpu_s"] * REFERENCE_COUNT_S / r.get("count_s", usual_count_s) for r in records if "cpu_s" in r]
+    times = [round(float(q), 1) for q in np.quantile(spent, (0.5, 0.9, 1.0))] if spent else [None] * 3
+    return {
+        "campaigns": len(records),
+        **{column: sum(count[o] for o in outcomes) for column, outcomes in SUMMARY_COLUMNS.items()},
+        **dict(zip(("median_cpu_s", "p90_cpu_s", "max_cpu_s"), times, strict=True)),
+    }
+
+
+def count_intervals(records: list[Record]) -> tuple[int, int]:
+    """95 % intervals of rightly named effects that hold the true value, and all of them."""
+    known = [p for r in records if classify(r) in CORRECT for p in r["parameters"] if p["true"] is not None]
+    return sum(p["ci95"][0] <= p["true"] <= p["ci95"][1] for p in known), len(known)
 
 
 def compare_records(first: list[Record], second: list[Record]) -> Iterator[str]:
@@ -298,7 +362,11 @@ def parse_arguments() -> argparse.Namespace:
         command.add_argument("--engine", default=ENGINE, help="module with discover(campaign, watch, workers)")
         command.add_argument("--limit", type=int, default=LIMIT_S, help="CPU seconds of one campaign")
         command.add_argument("--processes", type=int, default=1)
+        command.add_argument("--store", type=Path, help="folder for the evidence of each verdict (criteria_replay.py)")
     commands.choices["table"].add_argument("other", type=Path, nargs="?")
+    summary = commands.add_parser("summary")
+    summary.add_argument("results", type=Path, nargs="+")
+    summary.add_argument("--out", type=Path, required=True)
     return parser.parse_args()
 
 
@@ -306,9 +374,14 @@ def main() -> None:
     """Run campaigns, or print the tables of one or two files."""
     args = parse_arguments()
     if args.command == "child":
-        args.results.write_text(json.dumps(judge_campaign(args.folder, args.engine, args.limit), default=float))
+        found = judge_campaign(args.folder, args.engine, args.limit, args.store)
+        args.results.write_text(json.dumps(found, default=float))
     elif args.command == "run":
-        run_campaigns(args.folder, args.results, args.only, args.engine, args.processes, args.limit)
+        run_campaigns(args.folder, args.results, args.only, args.engine, args.processes, args.limit, args.store)
+    elif args.command == "summary":
+        records = {r["name"]: r for file in args.results for r in read_records(file)}
+        args.out.parent.mkdir(parents=True, exist_ok=True)
+        args.out.write_text(json.dumps(summarise(list(records.values())), indent=1) + "\n", encoding="utf-8")
     else:
         files = [read_records(f) for f in (args.results, args.other) if f is not None]
         records = [[r for r in file if fnmatch(r["name"], args.only)] for file in files]

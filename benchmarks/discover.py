@@ -104,7 +104,7 @@ def one(seed: int, wide: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.comparison.twin import SEALED, Plan, twin
-    from flashtemp.discovery import discover
+    from flashtemp.discovery import engine
     from flashtemp.model import case
 
     plan, began = draw(seed), time.process_time()
@@ -118,7 +118,7 @@ def one(seed: int, wide: bool = False) -> dict:
         loaded = campaign.load(out)
         if plan["kind"] == "outside":
             loaded = replace(loaded, candidates=_without(plan["hidden"]))
-        verdict, search = discover.discover(loaded, workers=1)
+        verdict, search = engine.discover(loaded, workers=1)
         truth = json.loads((out / SEALED).read_text())
     return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
 
@@ -129,7 +129,7 @@ def one_realistic(seed: int) -> dict:
     from truth import laboratory
 
     from flashtemp.comparison import campaign
-    from flashtemp.discovery import discover
+    from flashtemp.discovery import engine
 
     plan, count_s = draw_realistic(seed), counting_time()
     hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
@@ -140,7 +140,7 @@ def one_realistic(seed: int) -> dict:
         drawn = laboratory.campaign(folder, hidden, seed, test=test, uncooled=True)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=tuple(REALISTIC))
-        verdict, search = discover.discover(loaded, workers=1)
+        verdict, search = engine.discover(loaded, workers=1)
     cpu = time.process_time() - began
     truth = {"hidden": {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()},
              "nuisance": drawn["drawn"]}  # fmt: skip

@@ -7,7 +7,7 @@
     python benchmarks/independent.py table found.jsonl
 
 Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
-opened after the verdict.  What was mended after a seed was opened, docs/blind_campaigns.md tells with it.
+opened after the verdict.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def one(seed: int, small: bool = False, held: bool = False, varied: bool = False
     from truth import laboratory
 
     from flashtemp.comparison import campaign
-    from flashtemp.discovery import discover
+    from flashtemp.discovery import engine
 
     plan, began = draw(seed, small), time.process_time()
     name, kind = plan["hidden"], plan["kind"]
@@ -114,7 +114,7 @@ def one(seed: int, small: bool = False, held: bool = False, varied: bool = False
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
         loaded = without_some(loaded, seed) if held else loaded
-        verdict, search = discover.discover(loaded, workers=1)
+        verdict, search = engine.discover(loaded, workers=1)
     found = _record(verdict, search, plan, hidden)
     return (
         plan

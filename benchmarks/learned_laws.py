@@ -54,16 +54,13 @@ class Traces:
 
 def traces(calibrated, laws) -> Traces:
     """Of all laws at the calibrated base."""
-    from flashtemp.discovery import learning
-    from flashtemp.discovery.calibration import Descent
+    from flashtemp.discovery import law_identification
     from flashtemp.discovery.parameters import ParameterId
-    from flashtemp.discovery.prediction import Derivatives
 
-    problem, data, made = learning._with(calibrated.problem, calibrated.data, {law.name: law for law in laws})
-    wanted = Derivatives(candidates=tuple(made.values()))
-    descent = Descent(problem, data, calibrated.base.model, (), wanted)
-    fit = descent.take(problem.predictions(descent.tasks())).fit
-    assert fit is not None  # a first step never goes back
+    problem, _, made = law_identification._with_laws(
+        calibrated.problem, calibrated.data, {law.name: law for law in laws}
+    )
+    fit = law_identification._with_sensitivities(problem, calibrated, tuple(made.values()))
     names: list[ParameterId] = []
     own = []
     for law in laws:
@@ -71,7 +68,7 @@ def traces(calibrated, laws) -> Traces:
         if columns:
             own.append((len(names) + np.arange(len(columns)), law.quantity.typical_size))
             names += columns
-    return Traces(fit.system.projected(fit.nuisances, names).information, tuple(own))
+    return Traces(fit.system.projected(fit.nuisances, names, fit.equations).information, tuple(own))
 
 
 def one(seed: int) -> dict:
@@ -79,25 +76,26 @@ def one(seed: int) -> dict:
     from truth import laboratory
 
     from flashtemp.comparison import campaign
-    from flashtemp.discovery import learning
+    from flashtemp.discovery import engine
+    from flashtemp.discovery.criteria import CRITERIA
+    from flashtemp.discovery.law_identification import RELATIVE_WIDTHS, laws_of, price_of_choice, score_laws
     from flashtemp.discovery.prediction import predict
     from flashtemp.discovery.problem import prepare
-    from flashtemp.discovery.searched import NAMED, Search, calibrate
+    from flashtemp.discovery.selection.forward_selection import Search
     from flashtemp.runs.workers import crew
 
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder, crew(predict, 1) as run:
         laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
-        base = calibrate(prepare(replace(campaign.load(folder), candidates=TRIED), run))
-        calibrated = Search(base.problem, base.data, base.refused, base.base, base.base, {})
-        laws = learning._laws(calibrated)
-        scored = []
-        for k in range(0, len(laws), learning.TOGETHER):
-            scored += learning._scored(calibrated, laws[k : k + learning.TOGETHER])
-        best = max(scored, key=lambda t: t.ln_bayes)
-        threshold = NAMED + float(np.log(len(laws)))
+        problem = prepare(replace(campaign.load(folder), candidates=TRIED), run)
+        problem, _, first = engine.correct(problem, print)
+        problem, data, base = engine.calibrate(problem, first, print)
+        calibrated = Search(problem, data, base, base, {frozenset(): base})
+        laws = list(laws_of(calibrated))
+        best = score_laws(calibrated, laws)[0]
+        threshold = CRITERIA.ln_bayes_named + price_of_choice(laws)
         found = traces(calibrated, laws)
-    gains = found.gains(found.drawn(np.random.default_rng([seed, 3]), DRAWS), learning.WIDTHS).max(axis=0)
+    gains = found.gains(found.drawn(np.random.default_rng([seed, 3]), DRAWS), RELATIVE_WIDTHS).max(axis=0)
     return {
         "seed": seed, "converged": calibrated.base.converged, "laws": len(laws), "threshold": threshold,
         "best": [best.law.description, best.ln_bayes], "draws": DRAWS, "beyond": int(np.sum(gains > threshold)),

@@ -136,6 +136,23 @@ def lab():
     return SimpleNamespace(**globals())
 
 
+@pytest.fixture(scope="session")
+def calibrate():
+    """A campaign as discovery has it before it looks for causes: recordings corrected, the stated model calibrated."""
+    from flashtemp.discovery import engine
+    from flashtemp.discovery.prediction import predict
+    from flashtemp.discovery.problem import prepare
+    from flashtemp.runs.workers import crew
+
+    def made(campaign):
+        with crew(predict, 1) as run:
+            problem, errors, first = engine.correct(prepare(campaign, run), lambda text: None)
+            problem, data, base = engine.calibrate(problem, first, lambda text: None)
+        return SimpleNamespace(problem=problem, data=data, base=base, recording_errors=errors)
+
+    return made
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     """Mark as long the parameters that a `sample` leaves out; every pattern of it has to fit one.  The longest file is

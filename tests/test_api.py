@@ -217,7 +217,7 @@ HOMES = {"flashtemp": flashtemp, "flashtemp.physics": flashtemp.physics}
 
 def test_there_is_python_in_the_docs():
     pages = {name.partition(":")[0] for name, _ in BLOCKS}
-    assert {"README.md", "questions.md", "camera.md", "discover.md", "friction.md", "effects.md"} <= pages
+    assert {"README.md", "questions.md", "camera.md", "discovery_guide.md", "friction.md", "effects.md"} <= pages
 
 
 @pytest.mark.parametrize(("where", "code"), BLOCKS, ids=[name for name, _ in BLOCKS])

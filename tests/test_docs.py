@@ -6,9 +6,13 @@ import json
 import re
 import sys
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
+
+from flashtemp.discovery.criteria import Criteria
+from flashtemp.discovery.verdict import KINDS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -45,6 +49,51 @@ def test_every_case_stands_in_the_gallery(monkeypatch):
     assert {p.stem for p in gallery.PICTURES.glob("*.png")} == cases
     page = gallery.page()
     assert all(f"## {name}\n" in page for name in cases)
+
+
+def test_pages_on_discovery_agree_with_code_and_data(monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
+    import discovery_tables
+
+    for name in discovery_tables.TABLES:
+        text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+        assert discovery_tables.page(name, text) == text, "run .venv/bin/python docs/discovery_tables.py"
+
+
+def test_every_criterion_stands_on_its_page_once():
+    text = (ROOT / "docs" / "discovery_criteria.md").read_text(encoding="utf-8")
+    page = text.partition("<!-- criteria:")[2].partition("<!-- end -->")[0]
+    assert re.findall(r"^\| `(\w+)`", page, re.MULTILINE) == [f.name for f in fields(Criteria)]
+
+
+def test_replayed_criteria_show_what_changes(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
+    import discovery_tables
+
+    half = {"changed": [{"name": "a", "from": "none", "to": "weak wrong"}] * 2, "fits_added": 3, "not_fitted": 1}
+    row = {"name": "max_causes", "value": 2.0, "changes": "verdicts", "at": [half, {"changed": []}]}
+    report = {"campaigns": 9, "outcomes": {"right": 8, "no_verdict": 1}, "criteria": [row]}
+    (tmp_path / "replay.json").write_text(json.dumps(report))
+    monkeypatch.setattr(discovery_tables, "REPLAY", tmp_path / "replay.json")
+    table = discovery_tables.replay_table()
+    assert "9 campaigns are: right 8, no verdict 1." in table
+    words = "none to weak wrong: 2; not decidable: 1; 3 fits more"
+    assert f"| `max_causes` | 2 | verdicts | {words} | nothing |" in table
+
+
+def test_flow_chart_of_discovery_is_up_to_date(monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
+    import discovery_chart
+
+    for step in (*discovery_chart.STEPS, discovery_chart.LAW):
+        assert all((discovery_chart.PACKAGE / f"{module}.py").exists() for module in step.modules), step.name
+    assert discovery_chart.OUT.read_text(encoding="utf-8") == discovery_chart.draw(), "python docs/discovery_chart.py"
+
+
+def test_guide_says_what_to_do_with_every_kind_of_verdict():
+    guide = (ROOT / "docs" / "discovery_guide.md").read_text(encoding="utf-8")
+    rows = guide.partition("## What to do next")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)`", rows, re.MULTILINE)) == set(KINDS)
 
 
 @pytest.mark.parametrize("book", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda p: p.stem)

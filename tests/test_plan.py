@@ -16,7 +16,7 @@ from flashtemp.discovery.experiment_design import SURE, plan
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.scores import Separability
+from flashtemp.discovery.selection.scores import Separability
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs.workers import crew

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.hypothesis import Candidate
 from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.scores import scores
+from flashtemp.discovery.selection.scores import scores
 from flashtemp.physics.effect import Param
 
 MU = ParameterId.of_key("friction.mu")
@@ -51,7 +51,13 @@ def score(c: Candidate, amplitude: float):
         return SimpleNamespace(solution=system.solve({MU: PRIOR_MU} | more, equations))
 
     fit = SimpleNamespace(
-        system=system, nuisances={MU: PRIOR_MU}, effects={}, bound=(), model=SimpleNamespace(effects={}), solved=solved
+        system=system,
+        nuisances={MU: PRIOR_MU},
+        effects={},
+        bound=(),
+        model=SimpleNamespace(effects={}),
+        solved=solved,
+        equations=system.total(),
     )
     [found] = scores(cast("Problem", SimpleNamespace(free=())), cast("Fit", fit), [c])
 

@@ -195,6 +195,30 @@ def test_the_table_has_a_row_per_source_and_kind(campaigns):
     assert [line.split(":")[0] for line in table if "CPU s" in line] == ["realistic", "setup", "twin", "all"]
 
 
+def test_the_summary_counts_every_campaign_once_and_no_cause_in_nothing_as_right(campaigns, tmp_path):
+    """A core that counts in 0.36 s is half as fast as the reference: 40 s are 20 s there."""
+    found = {
+        "parameters": [{"name": "pressure_tilt.a", "ci95": [0.2, 0.4], "true": 0.3}],
+        "count_s": 0.36,
+        "cpu_s": 40.0,
+    }
+    rows = [record(name="ideal_1", effects=["pressure_tilt"], z={"pressure_tilt": 7.0}, **found)]
+    rows += [record(name="ideal_2", effects=["pressure_tilt", "blur"], z={"pressure_tilt": 8.0}, count_s=0.36)]
+    rows += [
+        record(name="ideal_3", kind="null", verdict=v, hidden={}, count_s=0.36) for v in ("none_needed", "timeout")
+    ]
+    found = campaigns.summarise(rows)
+    assert [(r["set"], r["kind"], r["campaigns"]) for r in found["rows"]] == [
+        ("ideal", "null", 2), ("ideal", "single, z 5 to 10", 2),
+    ]  # fmt: skip
+    null, single = found["rows"]
+    assert (null["right"], null["no_verdict"], null["none"]) == (1, 1, 0)
+    assert (single["right"], single["wrong"], single["max_cpu_s"]) == (1, 1, 20.0)
+    assert all(sum(r[c] for c in campaigns.SUMMARY_COLUMNS) == r["campaigns"] for r in found["rows"])
+    assert found["intervals"] == [{"set": "ideal", "inside": 1, "intervals": 1}]
+    assert sorted(o for some in campaigns.SUMMARY_COLUMNS.values() for o in some) == sorted(campaigns.OUTCOMES)
+
+
 def test_cpu_seconds_are_shown_raw_and_scaled_to_the_reference_core(campaigns):
     """A core that counts in 0.36 s is half as fast as the reference: 40 s are 20 s there; a timeout takes the median."""
     rows = [record(cpu_s=s, count_s=0.36) for s in (20.0, 40.0)] + [record(verdict="timeout", cpu_s=300.0)]

@@ -12,7 +12,6 @@ from flashtemp.showing import whole_file
 from flashtemp.viz import html, verdict_tables
 from flashtemp.viz.numbers import needed, number, ratio, spoken
 
-MAX_LISTED = 12  # things to check
 MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference that three digits do not show
 ANSWER = {
     "named": ("The missing effect is identified", "good"),
@@ -231,7 +230,6 @@ def _rest(v: Verdict) -> list[Section]:
     )
     spent = [html.paragraph(f"Computed in {number(v.seconds)} s.", "small")] if v.seconds else []
     some: list[Section] = [
-        ("again", "What to check in the set-up", _set_up_checks(v)),
         ("next", "What to measure next", [html.paragraph(v.next_experiment)] if v.next_experiment else []),
         ("warnings", "Warnings", warned),
         ("checked", "Adequacy tests", verdict_tables.gates(v)),
@@ -241,11 +239,3 @@ def _rest(v: Verdict) -> list[Section]:
         ("reading", "Terms", [html.terms(READING)] if whole else []),
     ]
     return [section for section in some if section[2]]
-
-
-def _set_up_checks(v: Verdict) -> list[str]:
-    """What to check in the set-up and in the case, what would explain most first."""
-    if not v.checklist:
-        return []
-    rows = [[c.sort, c.words, number(c.ln_bayes)] for c in v.checklist[:MAX_LISTED]]
-    return [html.table(["", "hypothesis", "would explain (ln Bayes factor)"], rows)]

@@ -14,8 +14,7 @@ from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import twin as twins
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
-from flashtemp.discovery import discover as discovering
-from flashtemp.discovery import experiment_design
+from flashtemp.discovery import engine, experiment_design
 from flashtemp.discovery.experiment_design import Outlook
 from flashtemp.discovery.prediction import predict
 from flashtemp.discovery.problem import prepare
@@ -75,10 +74,10 @@ def discover(
     """
     loaded = campaign_of(campaign)
     with wanted(out) as work:
-        verdict, search = discovering.discover(loaded, say, workers, scheduler)
+        verdict, search = engine.discover(loaded, say, workers, scheduler)
         if work is not None:
             write_json(verdict.as_dict(), work / "verdict.json")
-            discovering.write_extended(search, verdict, work)
+            engine.write_extended(search, verdict, work)
             say("writing the report")
             with drawing(verdict, out or work, "report.html and pictures", AGAIN):
                 from flashtemp.viz import discovery, verdict_report

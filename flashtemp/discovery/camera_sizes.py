@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.linear_gaussian import Block, change
 from flashtemp.discovery.nuisances import is_camera_gain
 from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, ParameterId

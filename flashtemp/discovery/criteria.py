@@ -63,9 +63,9 @@ class Criteria:
     )  # fmt: skip
     # --- data that were left out -----------------------------------------------------------------------------------
     heldout_against: float = _number(
-        -2.0, "ln probability", "of left-out data, extended less base, below which they speak against a cause",
+        -4.5, "ln probability", "of left-out data, extended less base, below which they speak against a cause",
         "if the cause is true and changes them by D standard deviations, the difference is normal with mean D^2/2 and "
-        "standard deviation D, so it lies above D^2/2 - 2 D, at least -2, in 39 of 40 cases",
+        "standard deviation D, so it lies above D^2/2 - 3 D, at least -4.5, in 739 of 740 cases",
     )  # fmt: skip
     law_excess_left: float = _number(
         0.5, "1", "fraction of the excess misfit of left-out data that a learned law may leave",
@@ -102,8 +102,8 @@ class Criteria:
     )  # fmt: skip
     # --- inputs and recordings -------------------------------------------------------------------------------------
     pull_setup: float = _number(
-        1.75, "standard deviations", "of a set-up error (scale, turn, clock, length) beyond which it is named",
-        "1 in 12 set-ups is farther off; it must be 4 of its own standard errors from none too",
+        2.0, "standard deviations", "of a set-up error (scale, turn, clock, length) beyond which it is named",
+        "1 in 20 set-ups is farther off; it must be 4 of its own standard errors from none too",
     )  # fmt: skip
     setup_standard_errors: float = _number(
         4.0, "standard errors", "of a set-up error from none, below which it is chance", "1 in 16,000"

@@ -79,7 +79,7 @@ def discover(
     """Everything: calibrate, select, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _with_time_left(watch)
     with crew(predict, workers, scheduler) as run:
-        problem = replace(prepare(campaign, run), shared_setup=True)
+        problem = prepare(campaign, run)
         problem, errors, first = correct(problem, watch)
         problem, data, base = calibrate(problem, first, watch)
         search = replace(select(problem, data, base, watch), recording_errors=errors)
@@ -328,7 +328,7 @@ def describe(
         nuisance=description.calibrated_parameters(search, final),
         tests=(*residual_structure_tests(base.known, 1, "before"),
                *(residual_structure_tests(extended.known, 2, "after") if causes else ())),
-        missing=missing_heat.missing(problem, search.base),  # type: ignore[arg-type]
+        missing=missing_heat.missing(problem, search.base),
         separability=(tuple(separable.names[i] for i in order), separable.rho[np.ix_(order, order)]),
         shifts=_parameter_shifts(search, base.known, final) if causes else (),
         before=base.seeings,
@@ -336,6 +336,7 @@ def describe(
         pulled=(base.pullings, shown.pullings),
         gates={t.name: (t.value, t.limit) for t in adequacy_tests(problem, final, CRITERIA)},
         certificate=_certificate(search),
+        assumed=description.assumed_priors(problem),
         warnings=_warnings(search, final),
         gain=_gain(change, base, extended) if causes else None,
         not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
@@ -394,7 +395,7 @@ def _next_experiment(search: Search, group: tuple[str, ...]) -> str:
     if not group or not all(name in search.problem.case.known for name in group):
         return ""
     fit = with_candidates(search.problem, search.data, search.best, search.problem.tried, lambda text: None)
-    return experiment_design.advise(search.problem, fit, group)  # type: ignore[arg-type]
+    return experiment_design.advise(search.problem, fit, group)
 
 
 def _parameter_shifts(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, float, float], ...]:
@@ -433,7 +434,7 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     problem = search.problem
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
     out += [verdict_sentences.describe_assumed_optics(file, names) for file, names in problem.untold.items()]
-    out += camera_sizes(search.data, final)  # type: ignore[arg-type]
+    out += camera_sizes(search.data, final)
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:
             out.append(

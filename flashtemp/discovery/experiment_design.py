@@ -19,15 +19,18 @@ from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery import sensor_places
-from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.camera_errors import USUAL
+from flashtemp.discovery.estimation.fitting import Watch
+from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
+from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.floor import MIDDLE
 from flashtemp.discovery.hypothesis import Candidate, Model
 from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.nuisances import MODES, nuisances
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction import Derivatives, Prediction, Task
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.rounds import Watch
-from flashtemp.discovery.scores import NOTHING, Separability, separability
+from flashtemp.discovery.selection.scores import NOTHING, Separability, separability
 from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
@@ -217,7 +220,8 @@ def _blank_fit(problem: Problem, model: Model, predictions: list[Prediction]) ->
     """A fit of nothing: priors and products only."""
     system = System(Data.begin(problem, predictions, noises=_noises(problem)).blocks(predictions))
     priors = nuisances(problem, system.names, model)
-    return Fit(model, tuple(predictions), system, system.solve(priors), priors, (0.0,))
+    usual = Hyperparameters(1.0, MIDDLE, USUAL)
+    return Fit(model, tuple(predictions), system, system.solve(priors), priors, usual, Status.CONVERGED)
 
 
 def _sizes(tried: Sequence[Candidate]) -> dict[str, tuple[ParameterId, float]]:
@@ -229,14 +233,13 @@ def _left(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float]:
     """Signal to noise that is left of typical strengths while all nuisances and rivals are free."""
     sizes = {e: v for e, v in _sizes(problem.tried).items() if v[0] in fit.system.index}
     own = {p: v for p, v in fit.priors.items() if p not in {column for column, _ in sizes.values()}}
-    equations = fit.system.total()
     out = {}
     for effect in effects:
         if effect not in sizes:
             continue
         rivals: Priors = {column: (0.0, RIVALS * a) for e, (column, a) in sizes.items() if e != effect}
         column, a = sizes[effect]
-        found = fit.system.projected(own | rivals, [column], equations)
+        found = fit.system.projected(own | rivals, [column], fit.equations)
         out[effect] = a * float(np.sqrt(max(found.information[0, 0], 0.0)))
     return out
 

@@ -264,11 +264,6 @@ class System:
         shared = np.array([i for i, f in enumerate(files) if not f], dtype=int)
         return Evidence(right, matrix, total.square, _parts(priors, names)[0], shared, tuple(groups))
 
-    def likeliest(self, priors: Priors, widths: Sequence[Array], equations: NormalEquations | None = None) -> int:
-        """Which of several `widths` (known,), standard deviations instead of priors', has the largest evidence."""
-        evidence = self.evidence(priors, equations)
-        return int(np.argmax([evidence(sd) for sd in widths]))
-
     def known(self, priors: Priors) -> tuple[ParameterId, ...]:
         """Columns of those named that a block knows."""
         return tuple(n for n in priors if n in self.index)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Condition
-from flashtemp.discovery.fit import Fit
+from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.linear_gaussian import Array, Solution
 from flashtemp.discovery.nuisances import MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind

@@ -46,8 +46,6 @@ GROUPS = {  # standard deviations, by the kind of nuisance
 }
 UNSURE = 0.4  # relative width of optics that a recording does not say
 MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
-LOOSE = 10.0  # times as wide: the prior of an error of the laboratory that is far beyond what is usual
-STIFF = 0.03  # times as wide: priors of images, clocks and the block where a model misfits too grossly to move them
 MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
 ABOUT = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
 CARELESS = 0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
@@ -94,15 +92,12 @@ def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> P
         elif p.kind in OF_THE_CAMERA or is_camera_gain(p):
             out[p] = (0.0, _usual(recordings[p.file], p))
         elif p.kind in OF_THE_LABORATORY:
-            if p.file or p.kind is Kind.SIZE or p in problem.loose or problem.shared_setup:
-                out[p] = (-model.placed(p), GROUPS[p.kind] * (LOOSE if p in problem.loose else 1.0))
+            out[p] = (-model.placed(p), GROUPS[p.kind])
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, MODE / p.index[0])
         elif p.kind in GROUPS:
             unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.untold.get(p.file, ())
             out[p] = (0.0, UNSURE if unsure else GROUPS[p.kind])
-        if problem.stiff and p in out and (p.kind in SHIFTS or p.kind in OF_THE_LABORATORY):
-            out[p] = (0.0, STIFF * out[p][1])
     return out
 
 

@@ -53,7 +53,7 @@ DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole s
 class Derivatives:
     """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
     `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
-    `laboratory`: sizes of the block, by keys of the case that are `held`, by stated `inputs` of case and cameras.
+    `laboratory`: sizes of the block, by stated `inputs` of case and cameras.
 
     Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
 
@@ -64,7 +64,6 @@ class Derivatives:
     candidates: tuple[Candidate, ...] = ()
     optics: bool = False
     laboratory: bool = False
-    held: tuple[ParameterId, ...] = ()
     fields: bool = False
     inputs: tuple[ParameterId, ...] = ()
 
@@ -179,7 +178,7 @@ def observe_again(task: Task, run: Run, view: View, model: Model) -> Observable:
 # --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
 def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
     asked = point.task.derivatives
-    yield from (pair for p in (*asked.own, *asked.held) for pair in _own(point, p))
+    yield from (pair for p in asked.own for pair in _own(point, p))
     yield from _inputs(point)
     if not point.scene.schedule.alone:  # else no contact to press or to rub
         if asked.scatter:

@@ -1,4 +1,4 @@
-"""A campaign made ready for fitting: conditions on meshes that stay, candidates, and recordings that do not belong."""
+"""A campaign made ready for fitting: conditions on meshes that stay, candidates, and what recordings do not state."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from flashtemp.camera.placement import Place
 from flashtemp.comparison.campaign import Campaign, Condition, View
@@ -24,9 +23,6 @@ from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement
 from flashtemp.solver.circular_track import remembers
 
-CLEARLY = 0.5  # misfit otherwise over misfit as told, below which a recording is something else
-LIKELY = 1.4  # how much friction and contact that are not known may change a rise
-SEEN = 0.3  # K: misfits below it are no ground for suspicion
 LEAST = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 FINE = 1e-4
@@ -40,11 +36,9 @@ class Problem:
     """What does not change while a campaign is fitted.
 
     `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers; `loose` errors of the laboratory whose prior is widened;
-    `stiff`: images, clocks and the block may hardly be elsewhere than where they are; `shared_setup`: recordings of a
-    view may share an error of scale, turn and clock besides their own.  Images that were seen to lie far
-    from where they are told to begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not
-    say}.  `screening` {recording: which defects of its camera were found}.
+    `predict` over tasks and gives failures as answers.  Images that were seen to lie far from where they are stated to
+    begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not say}.  `screening`
+    {recording: which defects of its camera were found}.
     """
 
     campaign: Campaign
@@ -54,9 +48,6 @@ class Problem:
     left: dict[str, str]
     run: Run
     case: Case
-    loose: frozenset[ParameterId] = frozenset()
-    stiff: bool = False
-    shared_setup: bool = False
     places: dict[str, Place] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -174,67 +165,6 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
     )
 
 
-# --- recordings that do not belong to their condition ---------------------------------------------------
-def strangers(problem: Problem, predictions: Sequence[Prediction]) -> dict[str, str]:
-    """{file: what it seems to be} of recordings that fit far better upside down or to another condition."""
-    out = _copies(problem)
-    for number, (condition, prediction) in enumerate(zip(problem.conditions, predictions, strict=True)):
-        for view in condition.views:
-            if view.file in out:
-                continue
-            seen, T = prediction.observables[view.file], view.recording.temperature
-            still = problem.case["ambient.temperature"]
-            own = misfit(T - still, seen.values - still, seen.inside)
-            if not own > SEEN:
-                continue
-            ways = {}
-            if view.recording.view == "sidewall":
-                for words, turned in (("upside down", T[:, ::-1]), ("turned by 180 degrees", T[:, ::-1, ::-1])):
-                    ways[f"is {words}"] = misfit(turned - still, seen.values - still, seen.inside)
-            ways |= _elsewhere(problem, predictions, number, view)
-            best = min(ways, key=ways.__getitem__, default=None)
-            if best is not None and ways[best] < CLEARLY * own:
-                out[view.file] = f"{best}: it differs by {own:.2g} K rms as told, by {ways[best]:.2g} K so"
-    return out
-
-
-def _elsewhere(problem: Problem, predictions: Sequence[Prediction], number: int, view: View) -> dict[str, float]:
-    """{words: misfit (K)} of a recording of condition `number` to like recordings of the other conditions."""
-    out, T, still = {}, view.recording.temperature, problem.case["ambient.temperature"]
-    inside = predictions[number].observables[view.file].inside
-    for other, condition in enumerate(problem.conditions):
-        for like in condition.views if other != number else ():
-            theirs = predictions[other].observables[like.file]
-            if like.recording.view == view.recording.view and theirs.values.shape == T.shape:
-                out[f"belongs to condition {other + 1}"] = misfit(
-                    T - still, theirs.values - still, inside & theirs.inside
-                )
-    return out
-
-
-def _copies(problem: Problem) -> dict[str, str]:
-    """Recordings that hold the same values as one before: noise repeated is no second measurement."""
-    out: dict[str, str] = {}
-    seen: list[View] = []
-    for view in problem.campaign.views:
-        T = view.recording.temperature
-        twin = next((v for v in seen if np.array_equal(v.recording.temperature, T, equal_nan=True)), None)
-        if twin is not None and np.isfinite(T).any() and np.nanstd(T) > 0:
-            out[view.file] = f"is the same as {twin.file}"
-        seen.append(view)
-    return out
-
-
-def misfit(measured: npt.NDArray[Any], predicted: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> float:
-    """What a predicted rise leaves of a measured one, as much larger or smaller as friction may make it (rms, K)."""
-    known = inside & np.isfinite(measured)
-    if not known.any():
-        return float("inf")
-    own, rise = measured[known], predicted[known]
-    factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / LIKELY, LIKELY)
-    return float(np.sqrt(np.mean((own - factor * rise) ** 2)))
-
-
 def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
     """The problem with other images of some recordings."""
     by_file = {v.file: v for v in turned}
@@ -246,17 +176,3 @@ def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
     return replace(
         problem, conditions=conditions, campaign=replace(problem.campaign, views=right(problem.campaign.views))
     )
-
-
-def without(
-    problem: Problem, predictions: list[list[Prediction]], refused: dict[str, str]
-) -> tuple[Problem, list[list[Prediction]]]:
-    """The problem without some recordings, and its predictions without conditions of which nothing is left."""
-    conditions = [replace(c, views=tuple(v for v in c.views if v.file not in refused)) for c in problem.conditions]
-    kept = [i for i, c in enumerate(conditions) if c.entries]
-    campaign = replace(problem.campaign, views=tuple(v for v in problem.campaign.views if v.file not in refused))
-    left = replace(
-        problem, campaign=campaign, conditions=tuple(conditions[i] for i in kept),
-        pins=tuple(problem.pins[i] for i in kept),
-    )  # fmt: skip
-    return left, [[made[i] for i in kept] for made in predictions]

@@ -1,34 +1,20 @@
-"""A solution at a point, at those scales of what has no known size that have the largest evidence."""
+"""Hyperparameters of the largest evidence: sizes of deviations and of camera errors that nobody states."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from flashtemp.discovery.camera_errors import FAMILIES, NONE, USUAL
-from flashtemp.discovery.floor import LARGEST, LEAST, MIDDLE
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import Array, NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import factors, is_camera_gain, nuisances, rescaled
-from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, Priors
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.linear_gaussian import Array, NormalEquations, System
+from flashtemp.discovery.nuisances import factors, is_camera_gain
+from flashtemp.discovery.parameters import Kind, Priors
 
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
 COSTS = 3.0  # ln of the prior odds against each family of camera errors, as of any more freedom
 SWEEPS = 4  # over the families of camera errors, at most
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """The best solution over the scales of deviations of unknown shape and of camera errors, its priors and scales."""
-
-    solution: Solution
-    priors: Priors
-    scale: float
-    floor: float = MIDDLE
-    families: Mapping[Kind, float] = field(default_factory=lambda: NONE)
 
 
 @dataclass(frozen=True)
@@ -48,32 +34,13 @@ class Widths:
         return out
 
 
-def solved(
-    problem: Problem, system: System, model: Model, more: Priors, equations: NormalEquations | None = None,
-    floors: tuple[float, ...] = (LARGEST, LEAST), cameras: bool = True,
-) -> Scaled:  # fmt: skip
-    """Nuisances as seen from a point, and `more`, estimated at the scale, the floor, one of `floors`, and the sizes of
-    camera errors of largest evidence.  Of all data that are fitted, those held out shown where their own cameras were,
-    unless other `equations` are given."""
-    asked, plain = equations or system.total(), nuisances(problem, system.names, model)
-    best = _likeliest(system, plain | more, more, asked, floors, cameras and not problem.stiff)
-    priors = rescaled(plain, best.scale, best.floor, best.families) | more
-    solution = system.solve(priors, asked)
-    solution = solution if equations else system.completed(solution, priors)
-    families = {p.kind for p in priors if p.kind in OF_THE_CAMERA or is_camera_gain(p)}
-    if families:
-        solution = replace(solution, ln_evidence=solution.ln_evidence - COSTS * len(families))
-    return Scaled(solution, priors, best.scale, best.floor, best.families)
-
-
-def _likeliest(
-    system: System, given: Priors, more: Priors, equations: NormalEquations, floors: tuple[float, ...], cameras: bool
+def likeliest_widths(
+    system: System, given: Priors, more: Priors, equations: NormalEquations, floors: tuple[float, ...]
 ) -> Widths:
     """Hyperparameters of the largest evidence: scale and floor together, for one hides the other, then the families of
     camera errors one after the other until none changes; from cameras without errors and from usual ones.
 
     Each family that there is costs COSTS of ln evidence, its prior odds.
-    Without `cameras` there is none: where a model misfits grossly, they must not be bent to what physics will do.
     """
     evidence, names = system.evidence(given, equations), system.known(given)
     sd = np.array([given[p][1] for p in names])
@@ -81,7 +48,7 @@ def _likeliest(
     for i, p in enumerate(names):
         if p not in more:
             columns.setdefault((p.kind, is_camera_gain(p)), []).append(i)
-    families = [kind for kind in FAMILIES if cameras and any(p.kind is kind for p in names)]
+    families = [kind for kind in FAMILIES if any(p.kind is kind for p in names)]
 
     def value(way: Widths) -> float:
         return evidence(way.of(sd, columns)) - COSTS * sum(way.families[kind] > 0.0 for kind in families)

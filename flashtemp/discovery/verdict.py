@@ -106,20 +106,6 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Check:
-    """One thing to look at again: its `sort` (geometry, scale, orientation, time, held key), what it would have to be
-    in `words`, `value` with `stderr` in `unit`, and the ln Bayes factor of it: how much it would explain."""
-
-    sort: str
-    name: str
-    words: str
-    ln_bayes: float
-    value: float
-    stderr: float
-    unit: str = "1"
-
-
-@dataclass(frozen=True)
 class Held:
     """A key of the case that was held and explains what a cause would: `told` in the case, `value` with `stderr` that
     the data want, `ln_bayes` of freeing it; `freed`: all else here was found with it free."""
@@ -261,8 +247,7 @@ class Verdict(Shown):
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
     every recording against the calibrated base and the extended model; `gates`: what was checked for
     adequacy, with value and limit; `assumed` priors.  `certain` effects that all members of a group share;
-    `laboratory` errors that calibration found; `held_key` one that explains what a cause would; `checklist` of what to
-    look at again where nothing explains the data, `open_ends` {effects: ln Bayes factor} that no full fit has judged;
+    `laboratory` errors that calibration found; `held_key` one that explains what a cause would;
     `law` one that was learned where the catalogue has none.  `rules` that led to the verdict; `inputs`: every stated
     number against the data, and keys of those that the data cannot tell from each other.
     """
@@ -289,13 +274,11 @@ class Verdict(Shown):
     assumed: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
-    gain: dict[str, Any] | None = None  # what the extension changes in kelvin: `visible.Gain`
+    gain: dict[str, Any] | None = None  # what the extension changes, in kelvin
     not_named: tuple[str, ...] = ()  # why a cause that the evidence asks for is not named
     certain: tuple[str, ...] = ()
     laboratory: tuple[Found, ...] = ()
     held_key: Held | None = None
-    checklist: tuple[Check, ...] = ()
-    open_ends: dict[str, float] = field(default_factory=dict)
     law: LearnedLaw | None = None
     rules: tuple[RuleResult, ...] = ()
     inputs: tuple[InputResult, ...] = ()
@@ -339,8 +322,6 @@ class Verdict(Shown):
             "certain": list(self.certain),
             "laboratory": [asdict(f) for f in self.laboratory],
             "held_key": None if self.held_key is None else asdict(self.held_key),
-            "checklist": [asdict(c) for c in self.checklist],
-            "open_ends": self.open_ends,
             "law": None if self.law is None else self.law.as_dict(),
             "rules": [asdict(r) | {"passed": bool(r.passed)} for r in self.rules],
             "inputs": [asdict(i) for i in self.inputs],
@@ -358,15 +339,13 @@ class Verdict(Shown):
         gates = Sheet("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
         pulls = [(p.name, p.value, p.stderr, p.unit, p.pull) for p in self.nuisance]
         calibrated = Sheet("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
-        looked = [(c.sort, c.words, c.ln_bayes) for c in self.checklist]
-        checks = (Sheet("What to look at again", looked, ("", "", "ln Bayes factor")),) if looked else ()
         rules = [(r.name, r.value, r.limit, "passed" if r.passed else r.consequence) for r in self.rules]
         why = (Sheet("Why this verdict", rules, ("", "value", "limit", "result")),) if rules else ()
         against = [(i.key, i.stated, i.estimate, i.stderr, i.unit, i.pull, i.ln_bayes, i.verdict) for i in self.inputs]
         columns = ("", "stated", "data alone", "+-", "unit", "deviation", "ln Bayes factor", "verdict")
         inputs = (Sheet("Stated inputs against the data", against, columns),) if against else ()
         notes = (*self.says, *self._following(), *self.warnings)
-        parts = (*why, *inputs, *checks, tried, calibrated, gates)
+        parts = (*why, *inputs, tried, calibrated, gates)
         return Sheet(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, parts)
 
     def __str__(self) -> str:

@@ -102,14 +102,6 @@ class Data:
         r, C = self._residual(entry, seen), self._stack(entry, own)
         return Block(entry.file, number, entry.held_out, r, C, names, fixed.F, fixed.FF)
 
-    def residuals(self, predictions: Sequence[Prediction]) -> dict[str, Array]:
-        """Measured less predicted (n,) in sigma, by file.  Raises SolverFailure."""
-        return {
-            entry.file: self._residual(entry, prediction.observables[entry.file])
-            for c, prediction in zip(self.problem.conditions, predictions, strict=True)
-            for entry in c.entries
-        }
-
     def kelvin(self, file: str, whitened: Array) -> Array:
         """What is whitened (n,), as it was: of a recording (frames, pixels inside) K, of a trace (n,) friction; 0 where
         nothing is compared."""

@@ -14,12 +14,12 @@ from flashtemp.discovery.diagnostics.adequacy_tests import (
     time_mean_rmse,
 )
 from flashtemp.discovery.diagnostics.cross_validation import CrossValidation
-from flashtemp.discovery.diagnostics.verdict_sentences import describe_nuisance
+from flashtemp.discovery.diagnostics.verdict_sentences import NUISANCE_WORDS, describe_nuisance
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.estimation.per_condition import estimates_per_condition
 from flashtemp.discovery.hypothesis import declaration
 from flashtemp.discovery.linear_gaussian import Array, Block, Solution, change
-from flashtemp.discovery.nuisances import is_camera_gain
+from flashtemp.discovery.nuisances import GROUPS, is_camera_gain
 from flashtemp.discovery.parameters import (
     BEADS,
     OF_THE_CAMERA,
@@ -28,6 +28,7 @@ from flashtemp.discovery.parameters import (
     Kind,
     ParameterId,
 )
+from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.selection.forward_selection import Search
 from flashtemp.discovery.selection.scores import Score, Separability, separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
@@ -187,3 +188,11 @@ def calibrated_parameters(search: Search, fit: Fit) -> tuple[Pull, ...]:
 
 def _unit(search: Search, key: str) -> str:
     return declaration(search.problem.case, key).unit
+
+
+def assumed_priors(problem: Problem) -> dict[str, float]:
+    """Prior standard deviations of free keys, and of every kind of nuisance in words; without a unit: relative."""
+    units = {Kind.TURN: " (rad)", Kind.CLOCK: " (s)"}
+    kinds = {NUISANCE_WORDS[k].rstrip(",").removesuffix(" of").removesuffix(" in") + units.get(k, ""): sd
+             for k, sd in GROUPS.items()}  # fmt: skip
+    return {str(p): sd for p, sd in problem.priors.items()} | kinds

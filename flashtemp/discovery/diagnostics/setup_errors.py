@@ -1,8 +1,10 @@
 """Errors of the set-up that the data show: scale, turn and clock of images, sizes of the block, stated inputs.
 
-All of them have priors.  With everything else eliminated they are a few unknowns; those that the data can do without
-are taken out one by one (backward elimination), until every one left is needed.  One that can be exchanged for another
-at equal evidence shares its effect, such as the length of the block and the pixel scale: they are told together.
+All of them have priors.  With everything else eliminated they are a few unknowns.  Stepwise regression (Efroymson, in
+Ralston and Wilf, Mathematical Methods for Digital Computers, 1960) finds the set in which each is needed: those that
+the data can do without are taken out one by one, then each of the others is tried in place of what it makes needless.
+Sets that explain the data as well share an effect, such as the length of the block and the pixel scale: they are told
+together.
 """
 
 from __future__ import annotations
@@ -83,7 +85,9 @@ def setup_errors(
     system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST))
     if system is None or largest is None:
         return ()
-    free, gone = _eliminate(system, criteria.ln_bayes_named)
+    sets = _stepwise(system, criteria.ln_bayes_named)
+    free = max(sets, key=lambda s: sets[s])
+    alike = [s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct]
     best = system.solve(free)
     found = []
     for place, k in enumerate(free):
@@ -96,26 +100,51 @@ def setup_errors(
         # images alone are predicted to a thousandth of the rise; length and inputs act on traces of a load cell too
         seen = _visible_fraction(data, fit, p, gain) if p.kind in PLACED else 1.0
         if certain and seen > criteria.visible_fraction:
-            swapped = {q: system.solve((*rest, q)) for q in gone}
-            alike = [(q, s) for q, s in swapped.items() if best[0] - s[0] < criteria.ln_bayes_distinct]
-            others = tuple(_called(problem, known, system.names[q], float(s[1][-1])) for q, s in alike)
+            others = tuple(_in_place_of(problem, known, system, free, s) for s in alike if k not in s)
             found.append(_error(problem, known, system.names[k], value, sd, gain, others))
     return tuple(sorted(found, key=lambda e: -e.ln_bayes))
 
 
-def _eliminate(system: Reduced, least: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Errors that the data need, and those that they can do without, by backward elimination: of errors that share an
-    effect one stays, the most plausible."""
-    free = tuple(range(len(system.names)))
-    gone: tuple[int, ...] = ()
-    while free:
+def _stepwise(system: Reduced, price: float) -> dict[tuple[int, ...], float]:
+    """Sets of errors in which each is worth its `price`, with ln evidence less the price of all of them."""
+    sets: dict[tuple[int, ...], float] = {}
+    every = tuple(range(len(system.names)))
+
+    def reduced(free: tuple[int, ...], kept: tuple[int, ...] = ()) -> tuple[int, ...]:
+        found = _eliminate(system, free, kept, price)
+        sets[found] = system.solve(found)[0] - price * len(found)
+        return found
+
+    best = reduced(every)
+    while True:
+        tried = [reduced(tuple(sorted((*best, q))), (q,)) for q in every if q not in best]
+        better = max(tried, key=lambda s: sets[s], default=best)
+        if sets[better] <= sets[best]:
+            return sets
+        best = better
+
+
+def _eliminate(system: Reduced, free: tuple[int, ...], kept: tuple[int, ...], price: float) -> tuple[int, ...]:
+    """Errors that the data need, by backward elimination; those `kept` stay."""
+    while set(free) - set(kept):
         now = system.solve(free)[0]
-        without = {k: system.solve(tuple(q for q in free if q != k))[0] for k in free}
+        without = {k: system.solve(tuple(q for q in free if q != k))[0] for k in free if k not in kept}
         k = max(without, key=lambda k: without[k])
-        if now - without[k] > least:
+        if now - without[k] > price:
             break
-        free, gone = tuple(q for q in free if q != k), (*gone, k)
-    return free, gone
+        free = tuple(q for q in free if q != k)
+    return free
+
+
+def _in_place_of(
+    problem: Problem, known: Mapping[ParameterId, StatedInput], system: Reduced, free: tuple[int, ...],
+    other: tuple[int, ...],
+) -> tuple[str, str]:  # fmt: skip
+    """Name and words of what another set has in place of an error: an error alone or several together."""
+    values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
+    new = [q for q in other if q not in free] or list(other)
+    called = [_called(problem, known, system.names[q], values[q]) for q in new]
+    return called[0][0], " and ".join(words for _, words in called)
 
 
 def _reduced(

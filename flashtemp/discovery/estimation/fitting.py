@@ -18,6 +18,8 @@ from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, at_h
 from flashtemp.discovery.estimation.image_alignment import (
     Linearisation,
     align_images,
+    image_steps,
+    moved_images,
     objective,
 )
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
@@ -291,8 +293,10 @@ def _limits(h: Hypothesis, p: ParameterId, model: Model) -> tuple[float, float]:
 
 
 def _stepped(h: Hypothesis, point: Point, steps: Mapping[ParameterId, float]) -> Model:
-    """The model after a step of the physics; images follow in the next alignment."""
-    model = point.at.model
+    """The model after a step of the physics; images go where the linearised model wants them then."""
+    at = point.at
+    own = {p: v for p, v in _all_priors(h, at.system, at.model, point.hyper).items() if p not in steps}
+    model = moved_images(at.model, image_steps(h.problem, at.system, own, steps, point.hyper))
     for p, step in steps.items():
         model = model.moved(p, step)
         if p.kind is Kind.EFFECT:  # rounding must not carry it across a bound

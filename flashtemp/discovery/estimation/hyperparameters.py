@@ -21,7 +21,7 @@ from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, Syste
 from flashtemp.discovery.nuisances import is_camera_gain, nuisances, rescaled
 from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, Priors
 from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.scales import COSTS, _likeliest
+from flashtemp.discovery.scales import COSTS, likeliest_widths
 
 MAX_SWEEPS = 6  # over noise variances and sizes in turn
 VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the sweeps end
@@ -84,7 +84,7 @@ def _estimate(
     system: System, plain: Priors, more: Priors, equations: NormalEquations, variances: Mapping[str, float],
     discrepancies: tuple[float, ...], problem: Problem,
 ) -> Estimated:  # fmt: skip
-    best = _likeliest(system, plain | more, more, equations, discrepancies, True)
+    best = likeliest_widths(system, plain | more, more, equations, discrepancies)
     priors = rescaled(plain, best.scale, best.floor, best.families) | more
     solution = system.completed(system.solve(priors, equations), priors)
     families = {p.kind for p in priors if p.kind in OF_THE_CAMERA or is_camera_gain(p)}

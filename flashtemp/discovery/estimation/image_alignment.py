@@ -25,6 +25,7 @@ from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
 NEGLIGIBLE_GAIN = 0.1  # ln evidence: no decision turns on less
+FIXED_SD = 1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
 # Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
 STEP_SCALE = {
     Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * LAG, Kind.PLACE: 2.5e-4,
@@ -120,6 +121,21 @@ def _image_prior(problem: Problem, at: Linearisation, images: tuple[ParameterId,
             own = [i for i, q in enumerate(images) if q.kind is p.kind and q.file and views[q.file] == p.name]
             covariance[np.ix_(own, own)] += priors[p][1] ** 2
     return mean, np.linalg.inv(covariance)
+
+
+def image_steps(
+    problem: Problem, system: System, nuisances_there: Priors, steps: Mapping[ParameterId, float],
+    hyper: Hyperparameters,
+) -> dict[ParameterId, float]:  # fmt: skip
+    """How far images move, by the linearised model, when the physics takes given `steps`."""
+    fixed = {p: (step, FIXED_SD * max(abs(step), FIXED_SD)) for p, step in steps.items()}
+    found = system.solve(nuisances_there | fixed, system.total(variances=hyper.variances))
+    views = {v.file: v.recording.view for v in problem.campaign.views}
+    out = {}
+    for p in image_parameters(system):
+        parts = {p, replace(p, file="", name=views[p.file])} if p.kind in PLACED else {p}
+        out[p] = sum(found[q] for q in parts if q in found.names)
+    return out
 
 
 def moved_images(model: Model, steps: Mapping[ParameterId, float]) -> Model:

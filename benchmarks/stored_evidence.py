@@ -1,0 +1,319 @@
+"""Evidence of a finished discovery, stored so that its verdict can be decided again with other criteria.
+
+A file holds, for every full fit of the search, the numbers that the choice of causes and `decide` compare: a few
+kilobytes per campaign in place of 100 MB of sensitivities.  What a criterion would have asked for and nobody simulated
+is not in it; `criteria_replay.py` counts that.
+"""
+
+from __future__ import annotations
+
+import lzma
+import pickle
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from flashtemp.discovery import engine
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.decision import EffectSize
+from flashtemp.discovery.diagnostics import setup_errors as setup_module
+from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, refit_all_data
+from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.diagnostics.effect_size import largest_change
+from flashtemp.discovery.diagnostics.setup_errors import Reduced
+from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.per_condition import estimates_per_condition
+from flashtemp.discovery.floor import LARGEST
+from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
+from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, price_of_choice
+from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
+from flashtemp.discovery.selection import forward_selection
+from flashtemp.discovery.selection.forward_selection import Search
+
+Names = frozenset[str]
+RECORDING_CRITERIA = ("ln_bayes_distinct", "law_excess_left", "adequacy_standard_errors", "noise_sd_uncertainty")
+
+
+@contextmanager
+def criteria_changed(**values: float) -> Iterator[None]:
+    """All of discovery with other values of some criteria.  The one instance that all modules share is changed."""
+    before = {name: getattr(CRITERIA, name) for name in values}
+    try:
+        for name, value in values.items():
+            object.__setattr__(CRITERIA, name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            object.__setattr__(CRITERIA, name, value)
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """Names of the effects of a model, as the keys of `effects`."""
+
+    effects: dict[str, None]
+
+
+@dataclass(frozen=True)
+class StoredSolution:
+    """The number of data of a solution."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class StoredScore:
+    """The ln Bayes factor of a candidate by its sensitivities."""
+
+    effect: str
+    ln_bayes: float
+
+
+@dataclass(frozen=True)
+class StoredPair:
+    """The best pair at the calibrated base, as `scores.Pair` has it."""
+
+    ln_bayes: float
+    more: float
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StoredSetup:
+    """Errors of the set-up before any is judged: reduced systems with the model's own error as found and `largest`, and
+    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on."""
+
+    system: Reduced | None
+    largest: Reduced | None
+    rise_squares: dict[ParameterId, float]
+
+
+@dataclass(frozen=True)
+class StoredFit:
+    """What selection and verdict compare of a `Fit`, under the same names where they ask the fit itself.
+
+    `largest` {free parameters: ln evidence with the model's own error as large as it may be}; `probabilities` of the
+    scatter between conditions {effect: of fitted, of all data}; `adequacy` {test: value}; `misfits` (chi2, count) of
+    every block; `heldout` ln probability of each fold left out.
+    """
+
+    model: StoredModel
+    status: Status
+    ln_evidence: float
+    promise: float
+    chi2: float
+    count: int
+    effects: dict[ParameterId, Any]
+    bound: frozenset[ParameterId]
+    largest: dict[frozenset[ParameterId], float]
+    probabilities: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    adequacy: dict[str, float]
+    misfits: tuple[tuple[float, int], ...]
+    heldout: tuple[float, ...]
+    is_held_out: bool
+    size: EffectSize | None
+    setup: StoredSetup
+
+    usable = Fit.usable
+    converged = Fit.converged
+    secured = Fit.secured
+
+    @property
+    def solution(self) -> StoredSolution:
+        return StoredSolution(self.count)
+
+    def at_largest(self, problem: Any, free: Mapping[ParameterId, Any]) -> float:
+        return self.largest[frozenset(free)]
+
+
+@dataclass(frozen=True)
+class StoredLaw:
+    """A law that was identified: its `fit`, ln evidence `gain` against the base, that of the best fit of the catalogue,
+    the price of the choice among all laws, and chi2 beyond expectation of left-out data before and after."""
+
+    fit: StoredFit
+    gain: float
+    known_gain: float
+    price: float
+    excess: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class StoredSearch:
+    """A search as far as criteria act on it, with the `record` of its verdict as campaigns.py describes it.
+
+    `rankings` at the base and at every extension; `law_was_tried` even where `law` is None; `recordings` {(criterion,
+    factor): errors of recordings that are found with it}, with key ("", 1) as found, by images alone.
+    """
+
+    record: dict[str, Any]
+    base: Names
+    fits: dict[Names, StoredFit]
+    rankings: tuple[tuple[StoredScore, ...], ...]
+    pair: StoredPair | None
+    unfitted: dict[Names, str]
+    recording_errors: tuple[str, ...]
+    recordings: dict[tuple[str, float], tuple[str, ...]]
+    inputs: tuple[StatedInput, ...]
+    law_was_tried: bool = False
+    law: StoredLaw | None = None
+
+
+# --- recording --------------------------------------------------------------------------------------------------
+@dataclass
+class Recorder:
+    """Calls of a running discovery whose answers cannot be had from its search: simulations of stated inputs, the
+    identification of a law, and recordings against the first predictions."""
+
+    systems: list[tuple[Search, System]] = field(default_factory=list)
+    searches: list[Search] = field(default_factory=list)
+    laws: list[IdentifiedLaw | None] = field(default_factory=list)
+    recordings: list[tuple[tuple[Any, ...], Any]] = field(default_factory=list)
+    inputs: list[StatedInput] = field(default_factory=list)
+
+    @contextmanager
+    def installed(self) -> Iterator[Recorder]:
+        """The engine with its calls recorded."""
+        kept = {name: getattr(engine, name) for name in ("question_inputs", "identify_law", "find_recording_errors")}
+
+        def question_inputs(search: Search, final: Fit, watch: Any) -> Any:
+            found = kept["question_inputs"](search, final, watch)
+            self.systems.append((search, found.system))
+            self.inputs = [c.input for c in found.checks]
+            return found
+
+        def identify_law(search: Search, watch: Any) -> IdentifiedLaw | None:
+            self.laws.append(None)
+            self.laws[-1] = kept["identify_law"](search, watch)
+            return self.laws[-1]
+
+        def find_recording_errors(*args: Any) -> Any:
+            found = kept["find_recording_errors"](*args)
+            self.recordings.append((args, found))
+            return found
+
+        try:
+            for function in (question_inputs, identify_law, find_recording_errors):
+                setattr(engine, function.__name__, function)
+            yield self
+        finally:
+            for name, function in kept.items():
+                setattr(engine, name, function)
+
+    def evidence(self, record: dict[str, Any]) -> StoredSearch:
+        """All that was recorded, reduced to numbers."""
+        search, system = self.systems[0]
+        base, law = search.base, self.laws[0] if self.laws else None
+        stored_law = None
+        if law is not None and len(self.systems) > 1:
+            known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=base.ln_evidence)
+            stored_law = StoredLaw(
+                store_fit(law.search, law.search.best, self.systems[1][1], self.inputs),
+                law.search.best.ln_evidence - base.ln_evidence, known - base.ln_evidence, price_of_choice(law.scored),
+                heldout_excess(law.search),
+            )  # fmt: skip
+        return StoredSearch(
+            record=record,
+            base=frozenset(base.model.effects),
+            fits={names: store_fit(search, f, system, self.inputs) for names, f in search.fits.items()},
+            rankings=tuple(tuple(StoredScore(s.effect, float(s.ln_bayes)) for s in r) for r in search.ranking),
+            pair=_best_pair(search),
+            unfitted=dict(search.unfitted),
+            recording_errors=tuple(str(e.kind) for e in search.recording_errors),
+            recordings=self._recordings(),
+            inputs=tuple(self.inputs),
+            law_was_tried=bool(self.laws),
+            law=stored_law,
+        )
+
+    def _recordings(self) -> dict[tuple[str, float], tuple[str, ...]]:
+        from flashtemp.discovery.measurement_errors.recording_errors import find_recording_errors
+
+        out: dict[tuple[str, float], tuple[str, ...]] = {}
+        for args, found in self.recordings:
+            out[("", 1.0)] = tuple(str(e.kind) for e in found)
+            for name in RECORDING_CRITERIA:
+                for factor in (0.5, 2.0):
+                    with criteria_changed(**{name: factor * getattr(CRITERIA, name)}):
+                        out[(name, factor)] = tuple(str(e.kind) for e in find_recording_errors(*args))
+        return out
+
+
+def _best_pair(search: Search) -> StoredPair | None:
+    ranked = search.ranking[0] if search.ranking else ()
+    found = forward_selection.pairs(search.problem, search.base, ranked)[:1] if len(ranked) > 1 else []
+    return next((StoredPair(p.ln_bayes, p.more, tuple(s.effect for s in p.scores)) for p in found), None)
+
+
+def store_fit(search: Search, fit: Fit, with_inputs: System, inputs: Any) -> StoredFit:
+    """A fit as numbers; `with_inputs` a system of any fit of these data with columns of all stated inputs.
+
+    Sensitivities to stated inputs hardly depend on the model: those of the final one serve for all.
+    """
+    problem = search.problem
+    free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
+    base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
+    change = largest_change(search.data, base.seeings, own.seeings, base.pullings, own.pullings)
+    blocks = [b.joined(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
+    every = refit_all_data(fit)
+    pairs = (f.system.left(f.solution) for f in (fit, every))
+    misfits = [(float(u if b.held_out else s), b.count) for b, s, u in zip(fit.blocks, *pairs, strict=True)]
+    left_out = cross_validate(search.data, fit)
+    scatter = {
+        e: tuple(
+            tuple(s.probability for s in estimates_per_condition(problem, fit, e, every=every_datum))
+            for every_datum in (False, True)
+        )
+        for e in fit.model.effects
+    }
+    return StoredFit(
+        model=StoredModel(dict.fromkeys(fit.model.effects)),
+        status=fit.status,
+        ln_evidence=float(fit.ln_evidence),
+        promise=float(fit.promise),
+        chi2=float(fit.chi2),
+        count=int(fit.solution.count),
+        effects=fit.effects,
+        bound=fit.bound,
+        largest={frozenset(f): float(fit.at_largest(problem, f)) for f in (free, fit.effects, {})},
+        probabilities=scatter,  # type: ignore[arg-type]
+        adequacy={t.name: float(t.value) for t in adequacy_tests(problem, fit, CRITERIA)},
+        misfits=tuple(misfits),
+        heldout=tuple(map(float, left_out.density)),
+        is_held_out=left_out.is_held_out,
+        size=_with_whole_mesh_error(change.size) if fit.model.effects else None,
+        setup=_store_setup(search, fit, System(blocks), inputs),
+    )
+
+
+def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
+    """Without the criterion that says how much of the error of the mesh is left."""
+    return replace(size, mesh_error_K=size.mesh_error_K / CRITERIA.mesh_error_left)
+
+
+def _store_setup(search: Search, fit: Fit, system: System, inputs: Any) -> StoredSetup:
+    known = {i.parameter: i for i in inputs}
+    problem = search.problem
+    found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in (None, LARGEST))
+    squares = {}
+    for p in () if found is None else found.names:
+        if p.kind in PLACED:
+            share = setup_module._visible_fraction(search.data, fit, p, 1.0)
+            squares[p] = 2.0 / share**2
+    return StoredSetup(found, largest, squares)
+
+
+# --- files ------------------------------------------------------------------------------------------------------
+def write_evidence(stored: StoredSearch, file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(lzma.compress(pickle.dumps(stored, protocol=5)))
+
+
+def read_evidence(file: Path) -> StoredSearch:
+    """Evidence of a file that `write_evidence` made.  Only read files of your own: a pickle runs code."""
+    found = pickle.loads(lzma.decompress(file.read_bytes()))
+    assert isinstance(found, StoredSearch)
+    return found

@@ -1,0 +1,162 @@
+"""Write the tables of the pages on criteria and validation of discovery: .venv/bin/python docs/discovery_tables.py
+
+Criteria come from the code, their effect on error rates and the validation from data files in benchmarks/results.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+RESULTS = HERE.parent / "benchmarks" / "results"
+REPLAY, VALIDATION = RESULTS / "criteria_replay.json", RESULTS / "discovery_validation.json"
+OUTCOMES = ("right", "wrong", "part", "group", "weak", "weak_wrong", "none", "unexplained", "no_verdict")
+SETS = {  # what a set of campaigns is, by the first word of its campaigns' names
+    "ideal": "independent generator, ideal camera",
+    "realistic": "independent generator, uncooled camera",
+    "camera": "one camera error at a time",
+    "setup": "set-up errors",
+    "twin": "short twins (`flashtemp twin`)",
+    "newcomer": "one short twin",
+    "fresh": "fresh seeds",
+}
+KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "law outside the catalogue"}
+
+
+def criteria_table() -> str:
+    """Every criterion with value, unit, meaning and reason."""
+    from flashtemp.discovery.criteria import table
+
+    rows = ([f"`{name}`", f"{value:g}", unit, meaning, reason] for name, value, unit, meaning, reason in table())
+    return markdown(("criterion", "value", "unit", "meaning", "reason"), rows)
+
+
+def replay_table() -> str:
+    """What half and double of each criterion change, by the report of benchmarks/criteria_replay.py."""
+    if not REPLAY.exists():
+        return "No replay is stored yet.\n"
+    report: Mapping[str, Any] = json.loads(REPLAY.read_text(encoding="utf-8"))
+    rows = (
+        [f"`{row['name']}`", f"{row['value']:g}", row["changes"], *map(changes, row["at"])]
+        for row in report["criteria"]
+    )  # fmt: skip
+    counts = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["outcomes"].items())
+    lead = f"At the values of the first table, the verdicts of {report['campaigns']} campaigns are: {counts}.\n\n"
+    return lead + markdown(("criterion", "value", "decides", "at half", "at double"), rows)
+
+
+def changes(replayed: Mapping[str, Any]) -> str:
+    """How many campaigns change from one outcome to another, and how many full fits are made more or fewer."""
+    moved = Counter(f"{c['from']} to {c['to']}".replace("_", " ") for c in replayed["changed"])
+    words = [f"{what}: {count}" for what, count in moved.most_common()]
+    for key, what in (("changed_recordings", "other recordings corrected"), ("not_fitted", "not decidable")):
+        found = replayed.get(key, 0)
+        if count := found if isinstance(found, int) else len(found):
+            words.append(f"{what}: {count}")
+    words += [f"{n} {what}" for key, what in (("fits_added", "fits more"), ("fits_dropped", "fits fewer"))
+              if (n := replayed.get(key, 0))]  # fmt: skip
+    return "; ".join(words) or "nothing"
+
+
+def outcome_tables() -> str:
+    """Verdicts of campaigns by what was hidden, a table for each set."""
+    rows = validation()["rows"]
+    heads = ("hidden", "number", *(o.replace("_", " ").replace("unexplained", "unexpl.") for o in OUTCOMES))
+    out = []
+    for name in dict.fromkeys(r["set"] for r in rows):
+        own = ([hidden(r["kind"]), str(r["campaigns"]), *(str(r[o] or "") for o in OUTCOMES)]
+               for r in rows if r["set"] == name)  # fmt: skip
+        title = SETS.get(name, name)
+        out.append(f"**{title[:1].upper()}{title[1:]}**\n\n{markdown(heads, own)}")
+    return "\n".join(out)
+
+
+def time_table() -> str:
+    """CPU seconds by set and kind."""
+    rows = [
+        [SETS.get(r["set"], r["set"]), hidden(r["kind"]), str(r["campaigns"])]
+        + [f"{r[k]:.0f}" if r[k] is not None else "" for k in ("median_cpu_s", "p90_cpu_s", "max_cpu_s")]
+        for r in validation()["rows"]
+    ]
+    return markdown(("campaigns of", "hidden", "number", "median, s", "90 % below, s", "largest, s"), rows)
+
+
+def interval_table() -> str:
+    """How many 95 % intervals hold the true value, with Clopper and Pearson's 95 % bounds."""
+    from scipy.stats import binomtest
+
+    rows = []
+    for r in validation()["intervals"]:
+        low, high = binomtest(r["inside"], r["intervals"]).proportion_ci(0.95, method="exact")
+        share = 100.0 * r["inside"] / r["intervals"]
+        name = SETS.get(r["set"], r["set"])
+        rows.append(
+            [name, f"{r['inside']} of {r['intervals']}", f"{share:.0f} %", f"{100 * low:.0f}-{100 * high:.0f} %"]
+        )
+    return markdown(("campaigns of", "intervals that hold the truth", "share", "95 % bounds of the share"), rows)
+
+
+def validation() -> dict[str, Any]:
+    """The data file of the validation, its rows in the order of SETS and KINDS."""
+    found: dict[str, Any] = json.loads(VALIDATION.read_text(encoding="utf-8"))
+    sets, kinds = list(SETS), list(KINDS)
+
+    def order(row: Mapping[str, Any]) -> tuple[int, int]:
+        kind = row.get("kind", "").partition(",")[0]
+        return (sets.index(row["set"]) if row["set"] in sets else len(sets),
+                kinds.index(kind) if kind in kinds else len(kinds))  # fmt: skip
+
+    return found | {part: sorted(found[part], key=order) for part in ("rows", "intervals")}
+
+
+def hidden(kind: str) -> str:
+    """What was hidden, in words.
+
+    >>> hidden("single, z 5 to 10"), hidden("pair, z 20 to inf"), hidden("null")
+    ('one effect, z 5 to 10', 'two effects, z above 20', 'nothing')
+    """
+    first, comma, rest = kind.partition(",")
+    rest = re.sub(r"z (\d+) to inf", r"z above \1", rest)
+    return KINDS.get(first, first.replace("setup", "set-up error")) + comma + rest
+
+
+def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown."""
+    names = list(heads)
+    lines = [names, ["---"] * len(names), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
+    "discovery_criteria.md": {"criteria": criteria_table, "replay": replay_table},
+    "discovery_validation.md": {
+        "outcomes": outcome_tables,
+        "intervals": interval_table,
+        "times": time_table,
+    },
+}
+
+
+def page(name: str, text: str) -> str:
+    """The text of a page with its tables written anew between their marks."""
+    for table, make in TABLES[name].items():
+        marks = rf"(<!-- {table}: [^\n]*-->\n).*?(<!-- end -->)"
+        text, count = re.subn(marks, partial(_filled, make()), text, flags=re.DOTALL)
+        if count != 1:
+            raise SystemExit(f"{name}: has no place for the table of {table}")
+    return text
+
+
+def _filled(table: str, place: re.Match[str]) -> str:
+    return place[1] + table + place[2]
+
+
+if __name__ == "__main__":
+    for name in TABLES:
+        (HERE / name).write_text(page(name, (HERE / name).read_text(encoding="utf-8")), encoding="utf-8")

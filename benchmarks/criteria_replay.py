@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -23,7 +22,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from campaigns import classify
+from campaigns import SUMMARY_COLUMNS, describe_end, summary_column
 from stored_evidence import StoredFit, StoredSearch, criteria_changed, read_evidence
 
 from flashtemp.discovery import engine
@@ -36,7 +35,7 @@ from flashtemp.discovery.selection import forward_selection
 
 Names = frozenset[str]
 Record = dict[str, Any]
-FACTORS = (0.5, 2.0)
+FACTORS = {"half": 0.5, "double": 2.0}
 COUNTS = ("max_causes", "shortlist")  # criteria that are whole numbers, at least 1
 VERDICT_KEYS = ("verdict", "effects", "inputs", "group")
 
@@ -55,7 +54,7 @@ class Replayed:
 
     @property
     def verdict(self) -> tuple[Any, ...]:
-        return tuple(self.record["verdict" if k == "verdict" else k] for k in VERDICT_KEYS)
+        return tuple(self.record[k] for k in VERDICT_KEYS)
 
 
 def replay(stored: StoredSearch) -> Replayed:
@@ -210,90 +209,82 @@ def _deviations(fit: Any) -> dict[ParameterId, float]:
 
 
 # --- all criteria -----------------------------------------------------------------------------------------------
-def changed_values(name: str) -> Iterator[tuple[float, float]]:
-    """Factor and value of a criterion at half and at double; counts stay whole numbers."""
+def changed_values(name: str) -> dict[str, float]:
+    """Half and double of a criterion; counts stay whole numbers."""
     now = float(getattr(CRITERIA, name))
-    for factor in FACTORS:
-        yield factor, (max(1.0, round(factor * now)) if name in COUNTS else factor * now)
+    return {side: max(1.0, round(f * now)) if name in COUNTS else f * now for side, f in FACTORS.items()}
 
 
-def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Sequence[Replayed]) -> Iterator[Record]:
-    """Outcomes with one criterion at half and at double its value, and campaigns that they change."""
-    for factor, value in changed_values(name):
+def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Sequence[Replayed]) -> Record:
+    """What one criterion changes at half and at double its value.
+
+    For each side the changes of the numbers of outcomes, and in `moved` every change of a verdict; `fits` that would
+    be added and dropped; campaigns `not_fitted` in which a fit is asked for that nobody made, `law_not_tried` in which
+    a law would be looked for and was not, and `recordings` in which other errors of recordings would be found.
+    """
+    out: Record = {"value": float(getattr(CRITERIA, name)), "campaigns": len(searches)}
+    parts: dict[str, Record] = {k: {} for k in ("moved", "fits", "not_fitted", "law_not_tried", "recordings")}
+    for side, value in changed_values(name).items():
         with criteria_changed(**{name: value}):
             found = [replay(s) for s in searches]
-        pairs = list(zip(searches, default, found, strict=True))
-        moved = [(s, a, b) for s, a, b in pairs if a.verdict != b.verdict]
-        recordings = [s.record["name"] for s in searches if _recordings(s, name, factor) != _recordings(s, "", 1.0)]
-        yield {
-            "factor": factor,
-            "value": value,
-            "outcomes": count_outcomes(found),
-            "changed": [
-                {"name": s.record["name"], "from": classify(a.record), "to": classify(b.record)} for s, a, b in moved
-            ],
-            "changed_recordings": recordings,
-            "fits_added": sum(len(b.asked - a.asked) for _, a, b in pairs),
-            "fits_dropped": sum(len(a.asked - b.asked) for _, a, b in pairs),
-            "not_fitted": sum(bool(b.missing - a.missing) for _, a, b in pairs),
-            "law_not_tried": sum(b.law_not_tried for _, _, b in pairs),
-        }
+        trios = list(zip(searches, default, found, strict=True))
+        before, after = count_outcomes(default), count_outcomes(found)
+        out[side] = {o: after[o] - before[o] for o in SUMMARY_COLUMNS if after[o] != before[o]}
+        parts["moved"][side] = {
+            s.record["name"]: f"{describe_end(a.record)} -> {describe_end(b.record)}"
+            for s, a, b in trios if a.verdict != b.verdict
+        }  # fmt: skip
+        parts["fits"][side] = [sum(len(b.asked - a.asked) for _, a, b in trios),
+                               sum(len(a.asked - b.asked) for _, a, b in trios)]  # fmt: skip
+        parts["not_fitted"][side] = sum(bool(b.missing - a.missing) for _, a, b in trios)
+        parts["law_not_tried"][side] = sum(b.law_not_tried and not a.law_not_tried for _, a, b in trios)
+        factor = FACTORS[side]
+        parts["recordings"][side] = [
+            s.record["name"] for s in searches if _recordings(s, name, factor) != _recordings(s, "", 1.0)
+        ]
+    out |= parts
+    acts = any(parts["moved"].values()) or any(parts["recordings"].values()) or any(parts["law_not_tried"].values())
+    out["decides"] = "verdicts" if acts else "cost" if any(map(any, parts["fits"].values())) else "nothing"
+    return out
 
 
 def _recordings(s: StoredSearch, name: str, factor: float) -> tuple[str, ...]:
     return s.recordings.get((name, factor), s.recordings.get(("", 1.0), ()))
 
 
-def count_outcomes(found: Iterable[Replayed]) -> dict[str, int]:
-    """Number of campaigns of each outcome of campaigns.py."""
-    return dict(Counter(classify(r.record) for r in found).most_common())
+def count_outcomes(found: Iterable[Replayed]) -> Counter[str]:
+    """Number of campaigns in every column of the page on validation."""
+    return Counter(summary_column(r.record) for r in found)
 
 
 def replay_all(searches: Sequence[StoredSearch]) -> Record:
-    """The report on all criteria.  Exits where a replay at the present values does not give the stored verdict."""
+    """{criterion: what it changes}."""
     default = [replay(s) for s in searches]
-    wrong = [s.record["name"] for s, r in zip(searches, default, strict=True) if r.verdict != stored_verdict(s)]
-    rows = []
-    for f in fields(Criteria):
-        changes = list(replay_criterion(f.name, searches, default))
-        acts = any(c["changed"] or c["changed_recordings"] for c in changes)
-        cost = any(c["fits_added"] or c["fits_dropped"] for c in changes)
-        effect = "verdicts" if acts else "cost only" if cost else "nothing"
-        rows.append({"name": f.name, "value": float(getattr(CRITERIA, f.name)), "changes": effect, "at": changes})
-        print(f"{f.name}: {effect}", file=sys.stderr)
-    return {
-        "campaigns": len(searches),
-        "not_reproduced": wrong,
-        "outcomes": count_outcomes(default),
-        "criteria": rows,
-    }
+    return {f.name: replay_criterion(f.name, searches, default) for f in fields(Criteria)}
 
 
-def stored_verdict(s: StoredSearch) -> tuple[Any, ...]:
-    return tuple(s.record[k] for k in VERDICT_KEYS)
+def not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
+    """Campaigns of which a replay at the present values does not give the stored verdict, with both."""
+    pairs = ((s.record, replay(s)) for s in searches)
+    return [f"{old['name']}: {describe_end(old)}; replayed {describe_end(new.record)}"
+            for old, new in pairs if tuple(old[k] for k in VERDICT_KEYS) != new.verdict]  # fmt: skip
 
 
 def tabulate(report: Record) -> Iterator[str]:
     """Lines of the table: what each criterion changes at half and at double."""
-    yield f"{report['campaigns']} campaigns; as they are: {_words(report['outcomes'])}"
     yield "| criterion | value | decides | at half | at double |\n|---|---|---|---|---|"
-    for row in report["criteria"]:
-        cells = (_describe_change(c) for c in row["at"])
-        yield f"| {row['name']} | {row['value']:g} | {row['changes']} | {' | '.join(cells)} |"
+    for name, row in report.items():
+        cells = " | ".join(_describe_side(row, side) for side in FACTORS)
+        yield f"| {name} | {row['value']:g} | {row['decides']} | {cells} |"
 
 
-def _describe_change(change: Record) -> str:
-    """Verdicts that changed, as `right to weak: 3`, and full fits that would be added or dropped."""
-    moved = Counter(f"{c['from']} to {c['to']}" for c in change["changed"])
-    words = [f"{what}: {count}" for what, count in moved.most_common()]
-    words += [f"recordings otherwise: {n}"] if (n := len(change["changed_recordings"])) else []
-    words += [f"{change['fits_added']} fits more"] if change["fits_added"] else []
-    words += [f"{change['fits_dropped']} fits fewer"] if change["fits_dropped"] else []
-    return "; ".join(words) or "none"
-
-
-def _words(outcomes: dict[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in outcomes.items())
+def _describe_side(row: Record, side: str) -> str:
+    """Changes of outcomes, and of the number of full fits."""
+    words = [f"{o} {change:+d}" for o, change in row[side].items()]
+    words += [f"{len(row[key][side])} {key}" for key in ("moved", "recordings") if row[key][side]]
+    words += [f"fits +{row['fits'][side][0]} -{row['fits'][side][1]}"] if any(row["fits"][side]) else []
+    words += [f"{row[key][side]} {key}" for key in ("not_fitted", "law_not_tried") if row[key][side]]
+    return ", ".join(words) or "none"
 
 
 def main() -> None:
@@ -302,13 +293,15 @@ def main() -> None:
     parser.add_argument("stores", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
-    files = sorted(file for store in args.stores for file in store.glob("*.pkl.xz"))
-    report = replay_all([read_evidence(f) for f in files])
+    searches = [read_evidence(file) for store in args.stores for file in sorted(store.glob("*.pkl.xz"))]
+    report = replay_all(searches)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    outcomes = count_outcomes(replay(s) for s in searches)
+    print(f"{len(searches)} campaigns; as they are: {', '.join(f'{n} {o}' for o, n in outcomes.most_common())}")
     print(*tabulate(report), sep="\n")
-    if report["not_reproduced"]:
-        raise SystemExit(f"not reproduced at the present values: {', '.join(report['not_reproduced'])}")
+    if different := not_reproduced(searches):
+        raise SystemExit("\n".join(["not the stored verdict at the present values:", *different]))
 
 
 if __name__ == "__main__":

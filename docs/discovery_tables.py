@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -33,47 +32,52 @@ def criteria_table() -> str:
     """Every criterion with value, unit, meaning and reason."""
     from flashtemp.discovery.criteria import table
 
-    rows = ([f"`{name}`", f"{value:g}", unit, meaning, reason] for name, value, unit, meaning, reason in table())
-    return markdown(("criterion", "value", "unit", "meaning", "reason"), rows)
+    rows = (
+        [f"`{name}`", f"**{value:g}{'' if unit == '1' else f' {unit}'}** {meaning}", reason]
+        for name, value, unit, meaning, reason in table()
+    )
+    return markdown(("criterion", "value and meaning", "reason"), rows)
 
 
 def replay_table() -> str:
     """What half and double of each criterion change, by the report of benchmarks/criteria_replay.py."""
+    from flashtemp.discovery.criteria import table
+
     if not REPLAY.exists():
         return "No replay is stored yet.\n"
     report: Mapping[str, Any] = json.loads(REPLAY.read_text(encoding="utf-8"))
     rows = (
-        [f"`{row['name']}`", f"{row['value']:g}", row["changes"], *map(changes, row["at"])]
-        for row in report["criteria"]
-    )  # fmt: skip
-    counts = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["outcomes"].items())
-    lead = f"At the values of the first table, the verdicts of {report['campaigns']} campaigns are: {counts}.\n\n"
-    return lead + markdown(("criterion", "value", "decides", "at half", "at double"), rows)
+        [f"`{name}`", str(row["campaigns"]), row["decides"], changes(row, "half"), changes(row, "double")]
+        for name, *_ in table()
+        if (row := report.get(name))
+    )
+    return markdown(("criterion", "campaigns", "decides", "at half", "at double"), rows)
 
 
-def changes(replayed: Mapping[str, Any]) -> str:
-    """How many campaigns change from one outcome to another, and how many full fits are made more or fewer."""
-    moved = Counter(f"{c['from']} to {c['to']}".replace("_", " ") for c in replayed["changed"])
-    words = [f"{what}: {count}" for what, count in moved.most_common()]
-    for key, what in (("changed_recordings", "other recordings corrected"), ("not_fitted", "not decidable")):
-        found = replayed.get(key, 0)
-        if count := found if isinstance(found, int) else len(found):
-            words.append(f"{what}: {count}")
-    words += [f"{n} {what}" for key, what in (("fits_added", "fits more"), ("fits_dropped", "fits fewer"))
-              if (n := replayed.get(key, 0))]  # fmt: skip
-    return "; ".join(words) or "nothing"
+def changes(row: Mapping[str, Any], side: str) -> str:
+    """How many campaigns more or fewer end with each outcome, and what could not be replayed."""
+    words = [f"{outcome.replace('_', ' ')} {change:+d}" for outcome, change in row[side].items() if change]
+    if moved := len(row["moved"][side]):
+        words.append(f"{moved} {'verdict changes' if moved == 1 else 'verdicts change'}")
+    words += [f"other corrections in {n}"] if (n := len(row["recordings"][side])) else []
+    more, fewer = row["fits"][side]
+    words += [f"fits {'+' * (sign > 0)}{sign * n}" for n, sign in ((more, 1), (fewer, -1)) if n]
+    words += [f"{n} not decidable"] if (n := row["not_fitted"][side]) else []
+    words += [f"{n} would try a law"] if (n := row["law_not_tried"][side]) else []
+    return ", ".join(words) or "none"
 
 
 def outcome_tables() -> str:
-    """Verdicts of campaigns by what was hidden, a table for each set."""
+    """Verdicts of campaigns by what was hidden: a table for each set, with the outcomes that occur in it."""
     rows = validation()["rows"]
-    heads = ("hidden", "number", *(o.replace("_", " ").replace("unexplained", "unexpl.") for o in OUTCOMES))
     out = []
     for name in dict.fromkeys(r["set"] for r in rows):
-        own = ([hidden(r["kind"]), str(r["campaigns"]), *(str(r[o] or "") for o in OUTCOMES)]
-               for r in rows if r["set"] == name)  # fmt: skip
+        own = [r for r in rows if r["set"] == name]
+        shown = [o for o in OUTCOMES if o in ("right", "wrong") or any(r[o] for r in own)]
+        heads = ("hidden", "number", *(o.replace("_", " ") for o in shown))
+        cells = ([hidden(r["kind"]), str(r["campaigns"]), *(str(r[o]) for o in shown)] for r in own)
         title = SETS.get(name, name)
-        out.append(f"**{title[:1].upper()}{title[1:]}**\n\n{markdown(heads, own)}")
+        out.append(f"**{title[:1].upper()}{title[1:]}**\n\n{markdown(heads, cells)}")
     return "\n".join(out)
 
 
@@ -119,10 +123,10 @@ def hidden(kind: str) -> str:
     """What was hidden, in words.
 
     >>> hidden("single, z 5 to 10"), hidden("pair, z 20 to inf"), hidden("null")
-    ('one effect, z 5 to 10', 'two effects, z above 20', 'nothing')
+    ('one effect, z 5-10', 'two effects, z above 20', 'nothing')
     """
     first, comma, rest = kind.partition(",")
-    rest = re.sub(r"z (\d+) to inf", r"z above \1", rest)
+    rest = re.sub(r"z (\d+) to inf", r"z above \1", rest).replace(" to ", "-")
     return KINDS.get(first, first.replace("setup", "set-up error")) + comma + rest
 
 

@@ -28,8 +28,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import engine, prediction, whitening
 from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
-from flashtemp.discovery.estimation import fitting, image_alignment
-from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.estimation import fitting
 from flashtemp.discovery.parameters import SHIFTS, ParameterId
 from flashtemp.discovery.verdict import KINDS
 from flashtemp.errors import BadInput
@@ -562,25 +561,9 @@ def first_order(monkeypatch):
     monkeypatch.setattr(prediction, "observe", sloped)
 
 
-def never_aligned(monkeypatch):
-    """Images left where they are stated to be, their columns taken for the whole truth."""
-    monkeypatch.setattr(image_alignment, "MAX_ALIGNMENTS", 0)
-
-
-def without_mean(monkeypatch):
-    """Priors that stand where the model stands, wherever that is."""
-    solve = System.solve
-    monkeypatch.setattr(
-        System, "solve", lambda self, priors, equations=None: solve(
-            self, {n: (0.0, sd) for n, (_, sd) in priors.items()}, equations)
-    )  # fmt: skip
-
-
 MUTANTS = {
     "whitening": lambda m: m.setattr(whitening, "whiten", whitened_wrong),
     "registration to first order": first_order,
-    "no image is predicted again": never_aligned,
-    "priors without their mean": without_mean,
 }
 
 

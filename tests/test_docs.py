@@ -70,15 +70,16 @@ def test_replayed_criteria_show_what_changes(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
     import discovery_tables
 
-    half = {"changed": [{"name": "a", "from": "none", "to": "weak wrong"}] * 2, "fits_added": 3, "not_fitted": 1}
-    row = {"name": "max_causes", "value": 2.0, "changes": "verdicts", "at": [half, {"changed": []}]}
-    report = {"campaigns": 9, "outcomes": {"right": 8, "no_verdict": 1}, "criteria": [row]}
-    (tmp_path / "replay.json").write_text(json.dumps(report))
+    none = {"half": 0, "double": 0}
+    row = {
+        "campaigns": 9, "decides": "verdicts", "half": {"weak_wrong": 2, "none": -2}, "double": {},
+        "moved": {"half": {"a": "none -> weak", "b": "none -> weak"}, "double": {}}, "not_fitted": none | {"half": 1},
+        "fits": {"half": [3, 0], "double": [0, 0]}, "law_not_tried": none, "recordings": {"half": [], "double": []},
+    }  # fmt: skip
+    (tmp_path / "replay.json").write_text(json.dumps({"max_causes": row}))
     monkeypatch.setattr(discovery_tables, "REPLAY", tmp_path / "replay.json")
-    table = discovery_tables.replay_table()
-    assert "9 campaigns are: right 8, no verdict 1." in table
-    words = "none to weak wrong: 2; not decidable: 1; 3 fits more"
-    assert f"| `max_causes` | 2 | verdicts | {words} | nothing |" in table
+    words = "weak wrong +2, none -2, 2 verdicts change, fits +3, 1 not decidable"
+    assert f"| `max_causes` | 9 | verdicts | {words} | none |" in discovery_tables.replay_table()
 
 
 def test_flow_chart_of_discovery_is_up_to_date(monkeypatch):

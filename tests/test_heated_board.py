@@ -12,7 +12,7 @@ import pytest
 import flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.discovery import adequacy
+from flashtemp.discovery.diagnostics.adequacy_tests import unnamed_heat_evidence
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import Derivatives, predict
 from flashtemp.discovery.problem import prepare
@@ -86,7 +86,7 @@ def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}
     flux, asked = ParameterId(Kind.FLUX, (1,), condition=0), []
 
-    def solved(problem, more):
+    def solved(problem, more, equations):
         asked.append(more)
         return SimpleNamespace(solution=SimpleNamespace(ln_evidence=1e-14 * len(asked)))
 
@@ -95,7 +95,8 @@ def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
         ([flux], [flux]),
         ([flux], []),
     ):  # felt by none, or by data held out
-        fit = SimpleNamespace(solved=solved, effects={}, system=SimpleNamespace(names=names, seen=frozenset(seen)))
-        assert abs(adequacy.generic(None, fit)) < 1e-9
+        system = SimpleNamespace(names=names, seen=frozenset(seen))
+        fit = SimpleNamespace(solved=solved, effects={}, bound=(), equations=None, system=system)
+        assert abs(unnamed_heat_evidence(None, fit)) < 1e-9
     assert [*asked[-1]] == [flux]
     assert len(asked) == 2

@@ -9,7 +9,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.cli import terminal
-from flashtemp.discovery import discover
+from flashtemp.discovery import engine
 
 
 @pytest.fixture
@@ -79,20 +79,26 @@ def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):
 
 
 def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
-    """From its first look on; what is left falls while a stage lasts, and what comes after it is never forgotten."""
+    """From its first simulations on; a stage that comes again takes half of what was left."""
     now, told = [0.0], []
-    monkeypatch.setattr(discover.time, "monotonic", lambda: now[0])
-    say = discover._timed(told.append)
+    monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
+    say = engine._with_time_left(told.append)
     for at, text in (
-        (0.0, "calibrating the model"), (15.0, "going to the best point"), (18.0, "  round 2"), (60.0, "  round 3"),
-        (60.0, "traces of the candidates"), (100.0, "fitting tilt"), (100.0, "traces of the candidates"),
-        (120.0, "judging"), (120.0, "looking for a law"), (150.0, "fitting: a law"),
+        (0.0, "simulating the stated model"), (10.0, "simulating coarser meshes"), (30.0, "calibrating the stated model"),
+        (35.0, "  evaluation 1"), (60.0, "sensitivities of 8 candidates"), (80.0, "fitting tilt"), (85.0, "judging"),
+        (90.0, "questioning 22 stated inputs"), (90.0, "looking for a law: 20 are scored"), (95.0, "judging"),
     ):  # fmt: skip
         now[0] = at
         say(text)
     left = [re.search(r"about (\d+) s left", t) for t in told]
-    assert left[0] is None
-    assert [int(m[1]) for m in left[1:]] == [85, 82, 140, 140, 100, 33, 6, 180, 150]
+    assert left[:2] == [None, None]
+    parts = [
+        engine.STAGE_BEGINS[stage] for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
+    ]
+    assert parts == sorted(parts)
+    after = (parts[0], parts[0], *parts[1:], parts[-1], 0.5 * (1.0 + parts[-1]))
+    gone = (30.0, 35.0, 60.0, 80.0, 85.0, 90.0, 90.0, 95.0)
+    assert [int(m[1]) for m in left[2:]] == [round(t * (1.0 / p - 1.0)) for t, p in zip(gone, after, strict=True)]
 
 
 def test_what_is_short_says_nothing(clock, capsys):

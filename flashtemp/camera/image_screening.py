@@ -36,6 +36,8 @@ MOST = 10_000_000  # values of those frames, evenly taken, in which pixels and l
 BATCH = 64  # frames at a time
 FAR = 2  # neighbours on each side
 LEAST = 100  # pixels of which a scale is taken
+FLICKER_SIGMA = 3.0  # standard deviations of the noise of a pixel by which a line must flicker to be left out
+FAST = 0.5  # of the variance that half the mean square successive difference is, for independent frames 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,6 +339,62 @@ def outlying_pixels(left: Array) -> Mask:
     middle = float(np.median(free[count > 1]))
     usual = min(float(np.median(one[n > 1])) for _, one, n in single) * middle / chi2.median(middle)
     return far | ((count > 1) & (scatter * free > usual * chi2.isf(FALSE_ALARMS / tests, free)))
+
+
+def flickering_lines(left: Array, axis: int, sigma: float) -> tuple[int, ...]:
+    """Indices of rows (`axis` 1) or columns (2) whose residuals (frames, nv, nu) K flicker as a whole, NaN if masked.
+
+    Three things tell a defect from what a model misses.  It changes from frame to frame: the mean square successive
+    difference is about twice the variance (von Neumann, Ann. Math. Stat. 12, 1941, 367).  It does so by more than the
+    noise `sigma` (K) of a pixel.  And it is one line wide, while optics spread heat over the next lines.
+    """
+    lines = np.moveaxis(left, axis, 1)
+    known = np.isfinite(lines)
+    count = known.sum(axis=2)
+    enough = count >= max(FAR, 0.5 * count.max(initial=0))
+    mean = np.where(enough, np.sum(lines, axis=2, where=known) / np.maximum(count, 1), np.nan)
+    out: list[int] = []
+    while True:  # the worst first: it disturbs its neighbours
+        alone = _from_any_neighbours(mean)
+        step = np.diff(alone, axis=0)
+        judged = np.isfinite(step).sum(axis=0) > FAR
+        if not judged.any():
+            return tuple(sorted(out))
+        square = np.where(judged, np.nanmean(np.where(judged, step, 0.0) ** 2, axis=0), 0.0)
+        worst = int(np.argmax(square))
+        fast = 0.5 * square[worst] > FAST * float(np.nanvar(alone[:, worst]))
+        if not (0.5 * square[worst] > (FLICKER_SIGMA * sigma) ** 2 and fast and _is_one_line(mean, worst)):
+            return tuple(sorted(out))
+        out.append(worst)
+        mean[:, worst] = np.nan
+
+
+def _is_one_line(mean: Array, line: int) -> bool:
+    """Whether the next lines take no part in what a line does from frame to frame, as they do in all that optics show.
+
+    `mean` (frames, lines).
+    """
+    step = np.diff(mean, axis=0)
+    sd = np.hypot(USUAL_PSF_PX, PIXEL_SD)
+    spread = float(np.exp(-0.5 / sd**2))  # what the point spread of a pixel leaves on the next one
+    for near in (line - 1, line + 1):
+        both = (
+            np.isfinite(step[:, line]) & np.isfinite(step[:, near]) if 0 <= near < mean.shape[1] else np.zeros(0, bool)
+        )
+        if both.sum() > FAR:
+            part = float(np.sum(step[both, line] * step[both, near]) / np.sum(step[both, line] ** 2))
+            if abs(part) > 0.5 * spread:
+                return False
+    return True
+
+
+def _from_any_neighbours(values: Array) -> Array:
+    """Values (frames, lines) less the median of those of four next neighbours that are known."""
+    padded = np.pad(values, [(0, 0), (FAR, FAR)], constant_values=np.nan)
+    near = np.stack([padded[:, FAR + s : FAR + s + values.shape[1]] for s in (-2, -1, 1, 2)])
+    known = np.isfinite(near)
+    middle = np.ma.median(np.ma.array(near, mask=~known), axis=0)
+    return np.asarray(values - np.ma.filled(middle, np.nan))
 
 
 def _moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.image_screening import outlying_pixels
+from flashtemp.camera.image_screening import flickering_lines, outlying_pixels, temporal_noise
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.floor import smooth_errors
 from flashtemp.discovery.nuisances import smooth_images
@@ -46,16 +46,23 @@ def calibrated_residual(view: View, seen: Observable) -> Array:
 
 
 def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
-    """The problem with those pixels of images masked whose residuals stand alone among their neighbours."""
+    """The problem with those pixels and lines of images masked whose residuals stand alone among their neighbours."""
     views, found = [], dict(problem.screening)
     for condition, prediction in zip(problem.conditions, first, strict=True):
         for view in condition.views:
             if view.recording.places is not None:
                 continue
-            bad = outlying_pixels(calibrated_residual(view, prediction.observables[view.file]))
+            left = calibrated_residual(view, prediction.observables[view.file])
+            sigma = temporal_noise(view.recording.temperature)
+            rows, columns = (flickering_lines(left, axis, sigma) for axis in (1, 2))
+            left[:, list(rows)], left[:, :, list(columns)] = np.nan, np.nan
+            bad = outlying_pixels(left)
+            also = [(len(rows), "flickering row"), (len(columns), "flickering column"),
+                    (int(bad.sum()), "pixel with outlying residuals")]  # fmt: skip
+            bad[list(rows)], bad[:, list(columns)] = True, True
             if bad.any():
                 T = np.where(bad, np.nan, view.recording.temperature)
                 views.append(replace(view, recording=replace(view.recording, temperature=T)))
-                also = f"left out {several(int(bad.sum()), 'pixel')} with outlying residuals"
-                found[view.file] = "; ".join(filter(None, (found.get(view.file, ""), also)))
+                said = "left out " + ", ".join(several(n, what) for n, what in also if n)
+                found[view.file] = "; ".join(filter(None, (found.get(view.file, ""), said)))
     return replace(with_views(problem, views), screening=found) if views else problem

@@ -137,25 +137,29 @@ def _rejected(search: Search, s: Score, single: Separability, accepted: Sequence
     param, name = s.candidate.params[k], s.candidate.column(k)
     refit, left = search.fits.get(frozenset({s.effect})), None
     score, amplitude, sd = s.ln_bayes, (param.off or 0.0) + s.amplitude[0], s.sd[0]
+    if frozenset({s.effect}) in search.vanished:
+        score, amplitude = min(score, 0.0), param.off or 0.0
     if refit is not None:
-        score, e = refit.ln_evidence - search.base.ln_evidence, _estimate(search, refit, name)
+        score, e = refit.secured - search.base.secured, _estimate(search, refit, name)
         amplitude, sd = e.value, e.stderr
         if accepted and s.effect not in accepted:
             left = search.best.ln_evidence - refit.ln_evidence
     return Rival(
         effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
-        reason=_why_not(s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
+        reason=_why_not(search, s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
         unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.seen,
         detectable=5.0 * abs(a) / s.seen if s.seen > 1e-9 else float("inf"), left=left,
         refitted=refit is not None and refit.usable,
     )  # fmt: skip
 
 
-def _why_not(s: Score, score: float, left: float | None, accepted: Sequence[str]) -> str:
+def _why_not(search: Search, s: Score, score: float, left: float | None, accepted: Sequence[str]) -> str:
     if s.effect in accepted:
         return "accepted"
     if s.reason:
         return s.reason
+    if frozenset({s.effect}) in search.vanished:
+        return "its strength became none when everything was fitted"
     if left is not None and score > CRITERIA.ln_bayes_hint:
         return f"explains part of it, but leaves ln Bayes factor {left:.0f} to {' and '.join(accepted)}"
     if score > CRITERIA.ln_bayes_named and accepted:

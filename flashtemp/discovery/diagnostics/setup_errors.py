@@ -25,6 +25,8 @@ from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
 from flashtemp.discovery.problem import Problem
 from flashtemp.discovery.whitening import Data
 
+MAX_ALTERNATIVES = 3  # that a sentence lists
+
 
 @dataclass(frozen=True)
 class SetupError:
@@ -87,7 +89,7 @@ def setup_errors(
         return ()
     sets = _stepwise(system, criteria.ln_bayes_named)
     free = max(sets, key=lambda s: sets[s])
-    alike = [s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct]
+    alike = sorted((s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct), key=lambda s: -sets[s])
     best = system.solve(free)
     found = []
     for place, k in enumerate(free):
@@ -100,7 +102,7 @@ def setup_errors(
         # images alone are predicted to a thousandth of the rise; length and inputs act on traces of a load cell too
         seen = _visible_fraction(data, fit, p, gain) if p.kind in PLACED else 1.0
         if certain and seen > criteria.visible_fraction:
-            others = tuple(_in_place_of(problem, known, system, free, s) for s in alike if k not in s)
+            others = _alternatives(problem, known, system, free, [s for s in alike if k not in s])
             found.append(_error(problem, known, system.names[k], value, sd, gain, others))
     return tuple(sorted(found, key=lambda e: -e.ln_bayes))
 
@@ -136,15 +138,20 @@ def _eliminate(system: Reduced, free: tuple[int, ...], kept: tuple[int, ...], pr
     return free
 
 
-def _in_place_of(
+def _alternatives(
     problem: Problem, known: Mapping[ParameterId, StatedInput], system: Reduced, free: tuple[int, ...],
-    other: tuple[int, ...],
-) -> tuple[str, str]:  # fmt: skip
-    """Name and words of what another set has in place of an error: an error alone or several together."""
-    values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
-    new = [q for q in other if q not in free] or list(other)
-    called = [_called(problem, known, system.names[q], values[q]) for q in new]
-    return called[0][0], " and ".join(words for _, words in called)
+    others: Sequence[tuple[int, ...]],
+) -> tuple[tuple[str, str], ...]:  # fmt: skip
+    """Name and words of what other sets have in place of an error: single ones, or the fewest where none does alone."""
+    new = {tuple(q for q in other if q not in free): other for other in reversed(others)}
+    fewest = min(map(len, new), default=0)
+    out = []
+    for instead, other in new.items():
+        if instead and len(instead) == fewest:
+            values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
+            called = [_called(problem, known, system.names[q], values[q]) for q in instead]
+            out.append((called[0][0], " and ".join(words for _, words in called)))
+    return tuple(out[:MAX_ALTERNATIVES])
 
 
 def _reduced(

@@ -35,7 +35,7 @@ from flashtemp.errors import FlashtempError, SolverFailure
 MAX_EVALUATIONS = 10  # simulations of the campaign in one fit
 NEGLIGIBLE_GAIN = 1.0  # ln evidence that a step promises, below which it is taken by the linearised model alone
 NOISE_GAIN = 4.0  # ln evidence: another sequence of time steps changes it by 2 (rtol 1e-4), either way
-MAX_POOR = 4  # poor steps in a row, each a quarter of the last one: what is promised is not there
+MAX_POOR = 3  # poor steps in a row, each a quarter of the last one: what is promised is not there
 OUTRUN_GAIN = 30.0  # ln evidence behind another hypothesis, promises included, from which a fit goes no further
 PROMISE_KEPT = 2.0  # times what a linearised model promises: what a curved one may still gain
 

@@ -67,12 +67,6 @@ class Fit:
         return self.system.total(variances=self.hyper.variances)
 
     @cached_property
-    def excess(self) -> dict[str, float]:
-        """chi2 per datum of every recording and trace, less one, in standard errors of the stated noise alone."""
-        left = zip(self.blocks, self.system.left(self.solution), strict=True)
-        return {b.label: (chi2 / b.count - 1.0) * np.sqrt(0.5 * b.count) for b, chi2 in left}
-
-    @cached_property
     def chi2(self) -> float:
         """Sum of squares of what is left of all data that are fitted, in stated standard deviations."""
         left = zip(self.blocks, self.system.left(self.solution), strict=True)

@@ -31,8 +31,8 @@ Names = frozenset[str]
 class Search:
     """What was tried on a `problem`: the calibrated `base` and the `best` extended fit, both with sensitivities of all
     candidates that may still matter; `fits` {effects: fit} of every full fit; `ranking` scores at the base and at
-    every extension; `unfitted` {effects: why} of those that could not be simulated.  `recording_errors` were corrected
-    before anything was fitted."""
+    every extension; `unfitted` {effects: why} of those that could not be simulated, `vanished` effects whose strength
+    became none in a full fit.  `recording_errors` were corrected before anything was fitted."""
 
     problem: Problem
     data: Data
@@ -41,6 +41,7 @@ class Search:
     fits: dict[Names, Fit]
     ranking: tuple[tuple[Score, ...], ...] = ()
     unfitted: dict[Names, str] = field(default_factory=dict)
+    vanished: frozenset[Names] = frozenset()
     recording_errors: tuple[RecordingError, ...] = ()
 
 
@@ -107,7 +108,8 @@ def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Sea
     }
     found = run_fits(search.problem, fittings, watch)
     fits = {names: f for names, f in found.fits.items() if is_alive(search.problem, f)}
-    return replace(search, fits=search.fits | fits, unfitted=search.unfitted | found.failed)
+    vanished = search.vanished | (found.fits.keys() - fits.keys())
+    return replace(search, fits=search.fits | fits, unfitted=search.unfitted | found.failed, vanished=vanished)
 
 
 def shortlist(ranked: Sequence[Score]) -> list[Score]:

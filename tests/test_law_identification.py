@@ -1,0 +1,181 @@
+"""Laws outside the catalogue in friction that is stated in closed form: found with their argument, or not learned."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.comparison import campaign
+from flashtemp.discovery import engine, law_identification
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
+from flashtemp.discovery.law_identification import (
+    CURVE_POINTS,
+    ScoredLaw,
+    heldout_excess,
+    identify_law,
+    laws_of,
+    price_of_choice,
+    shortlist,
+)
+from flashtemp.discovery.prediction import predict
+from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.selection.forward_selection import select
+
+DISTANCE, WAIT, SIGMA = 0.2, 1.0, 0.005  # m, s, and the noise of the load cell
+SPEEDS, READINGS = (0.1, 0.3), 120  # m/s, one condition each, and the readings of each
+ARGUMENTS = {"temperature", "passed", "time"}  # of friction that are tried: more cost more
+RUN_IN, FALL = 0.1, 0.3  # m and 1: friction falls as 1 + FALL exp(-distance / RUN_IN)
+CASE = f"""
+[block]
+length = 0.025
+[contact]
+pressure = 1e5
+[friction]
+mu = 1.0
+[schedule]
+distance = {DISTANCE}
+repetitions = 2
+wait = {WAIT}
+[road]
+track_length = {DISTANCE}
+[numerics]
+mesh = 0.2
+across = 1
+"""
+
+
+def write_campaign(folder, friction):
+    """Load-cell traces of two speeds: `friction` (number of the condition, m slid in the whole test) -> mu."""
+    (folder / "case.toml").write_text(CASE)
+    lines = ['title = "closed form"', 'case = "case.toml"', 'free = ["friction.mu"]', "candidates = []"]
+    rng = np.random.default_rng(3)
+    for n, speed in enumerate(SPEEDS):
+        once = np.linspace(0.02, 0.98, READINGS // 2) * DISTANCE
+        slid = np.concatenate([once, once + DISTANCE])
+        time = slid / speed + np.repeat([0.0, WAIT], len(once))
+        table = np.column_stack([time, friction(n, slid) + SIGMA * rng.normal(size=READINGS)])
+        np.savetxt(folder / f"mu{n}.csv", table, delimiter=",", header="time_s,mu", comments="", fmt="%.8g")
+        lines += ["[[force]]", f'file = "mu{n}.csv"', f"sigma = {SIGMA}", f'with = {{ "schedule.speed" = {speed} }}']
+    (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
+    return campaign.load(folder)
+
+
+def run_in(n, slid):
+    return 1.0 + FALL * np.exp(-slid / RUN_IN)
+
+
+def constant(n, slid):
+    return np.ones_like(slid)
+
+
+def opposite(n, slid):
+    """What falls at one speed and rises at the other: no law of one argument alone, and none that predicts."""
+    return 1.0 + (-1) ** n * FALL * np.exp(-slid / RUN_IN)
+
+
+def quiet(text):
+    """Progress that nobody reads."""
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """friction -> search, laws that were tried (a few: more cost more) and the identified one."""
+
+    @cache
+    def made(friction):
+        problem = prepare(write_campaign(tmp_path_factory.mktemp("law"), friction), lambda ts: [predict(t) for t in ts])
+        problem, _, first = engine.correct(problem, quiet)
+        search = select(*engine.calibrate(problem, first, quiet), quiet)
+        with pytest.MonkeyPatch.context() as patch:
+            some = [w for w in laws_of(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS]
+            patch.setattr(law_identification, "laws_of", lambda search: some)
+            return search, some, identify_law(search, quiet)
+
+    return made
+
+
+def test_a_law_outside_the_catalogue_is_found_with_its_argument(identified):
+    _, laws, found = identified(run_in)
+    assert {law.regressor.name for law in laws} == ARGUMENTS
+    assert (found.law.quantity.name, found.law.regressor.name) == ("friction", "passed")
+    assert found.alternatives == {}  # two speeds and a wait tell it from time
+    assert found.ln_bayes > CRITERIA.ln_bayes_named
+
+
+def test_the_curve_of_a_law_is_the_hidden_one(identified):
+    """Only the shape counts: the mean friction is free.  Between two nodes a line errs by h^2 |f''| / 8 at most."""
+    found = identified(run_in)[2]
+    nodes, at = np.array(found.law.nodes), np.linspace(*found.law.domain, CURVE_POINTS)
+    curve, true = found.law.hat_functions(at) @ np.array(found.law.values), np.log(run_in(0, at))
+    steps = np.diff(nodes)
+    bend = FALL * np.exp(-nodes[:-1] / RUN_IN) / RUN_IN**2  # f'' of ln(1 + y) with y = FALL exp(..): less than y''
+    bound = np.max(steps**2 * bend) / 8.0 + 4.0 * SIGMA / np.sqrt(len(SPEEDS) * READINGS / len(nodes))
+    assert np.max(np.abs((curve - curve.mean()) - (true - true.mean()))) < bound
+
+
+def test_a_law_halves_the_misfit_of_left_out_data(identified):
+    before, after = heldout_excess(identified(run_in)[2].search)
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize(("after", "kind"), [(40.0, "learned"), (60.0, "unexplained")])
+def test_a_law_is_learned_only_if_it_halves_the_misfit_of_left_out_data(identified, monkeypatch, after, kind):
+    found = identified(run_in)[2]
+    monkeypatch.setattr(engine, "heldout_excess", lambda search: (100.0, after))
+    judged = engine.judge(found.search, quiet, found)
+    assert judged.kind == kind
+    assert [c.effect for c in judged.causes] == [EFFECT_NAME]
+
+
+def test_no_law_is_identified_where_nothing_is_hidden(identified):
+    search, laws, found = identified(constant)
+    assert len(laws) == len(ARGUMENTS)
+    assert found is None
+    assert search.base.chi2 == pytest.approx(
+        search.base.solution.count, abs=4.0 * np.sqrt(2.0 * len(SPEEDS) * READINGS)
+    )
+
+
+@pytest.mark.long
+def test_a_law_that_does_not_predict_is_not_learned_however_much_it_explains(identified):
+    """Every law is wrong for one of the two speeds; the best gains a lot on the data that it has seen."""
+    found = identified(opposite)[2]
+    assert found.ln_bayes > CRITERIA.ln_bayes_named
+    before, after = heldout_excess(found.search)
+    assert after > CRITERIA.law_excess_left * before
+    assert engine.judge(found.search, quiet, found).kind == "unexplained"
+
+
+# --- which laws are fitted --------------------------------------------------------------------------------------
+scored = partial(ScoredLaw, None, 1.0)
+
+
+def test_a_law_must_be_worth_its_choice_among_all_that_are_scored():
+    """ln Bayes factor that names a cause, and the prior odds against one of n laws beyond it (ln n)."""
+    least = CRITERIA.ln_bayes_named + np.log(50.0)
+    few = [scored(least + 0.1, ()), *[scored(0.0, ())] * 49]
+    assert price_of_choice(few) == pytest.approx(np.log(50.0))
+    assert shortlist(few) == few[:1]
+    assert shortlist([scored(least - 0.1, ()), *few[1:]]) == []
+
+
+def test_laws_far_behind_the_best_are_not_fitted():
+    """Scores of linearised models err by 20 where a law is weak, by a part of themselves where it is strong."""
+    strong, weak = ([scored(g, ()) for g in (*some, *[0.0] * 30)] for some in ((400.0, 170.0, 150.0), (30.0, 15.0)))
+    assert [s.ln_bayes for s in shortlist(strong)] == [400.0, 170.0]
+    assert [s.ln_bayes for s in shortlist(weak)] == [30.0, 15.0]
+
+
+def test_laws_are_compared_by_full_fits_where_there_are_some():
+    """The one with the larger score may fit worse; what was never fitted is compared by its score."""
+    laws = [SimpleNamespace(name=n, description=n) for n in "abc"]
+    some = [ScoredLaw(law, 1.0, gain, (), fitted) for law, gain, fitted in zip(
+        laws, (90.0, 95.0, 88.0), (100.0, 60.0, None), strict=True)]  # fmt: skip
+    search = SimpleNamespace(best=SimpleNamespace(ln_evidence=100.0), base=SimpleNamespace(ln_evidence=0.0))
+    found = law_identification.IdentifiedLaw(laws[0], np.zeros((0, 0)), search, tuple(some))
+    assert found.alternatives == {"c": 88.0}
+    assert found.ln_bayes == pytest.approx(100.0 - np.log(3.0))

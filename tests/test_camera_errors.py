@@ -11,7 +11,12 @@ import pytest
 
 from flashtemp.camera import recording as recordings
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
-from flashtemp.camera.image_screening import outlying_pixels, screen_recording, shutter_events
+from flashtemp.camera.image_screening import (
+    flickering_lines,
+    outlying_pixels,
+    screen_recording,
+    shutter_events,
+)
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import View
@@ -304,3 +309,28 @@ def test_an_ideal_camera_has_the_priors_that_it_had():
     assert rescaled(priors, 1.0, 1e-3, NONE) == {low: (0.0, 1.0)}
     assert rescaled(priors, 1.0, 1e-3, USUAL).keys() == priors.keys()
     assert all(sizes[0] == 0.0 for sizes in FAMILIES.values())
+
+
+def _residual(rng, heat=0.0, flicker=0.0, slow=0.0):
+    """Residuals (frames, nv, nu) K of 0.05 K noise: heat that comes and goes in row 4, a column 18 that flickers."""
+    left = 0.05 * rng.normal(size=(40, 30, 20))
+    at = rng.integers(0, 2, size=40)[:, None]
+    left[:, 4] += heat * at
+    left[:, 5] += 0.4 * heat * at  # optics spread it
+    left[:, :, 18] += flicker * rng.integers(0, 2, size=40)[:, None]
+    left[:, 10] += slow * np.sin(np.arange(40) / 8.0)[:, None]
+    return left
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_line_that_flickers_is_found_at_the_edge_of_an_image_too(seed):
+    left = _residual(np.random.default_rng(seed), flicker=1.4)
+    assert flickering_lines(left, 2, 0.05) == (18,)
+    assert flickering_lines(left, 1, 0.05) == ()
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("missed", [{}, {"heat": 1.4}, {"slow": 4.0}], ids=["noise", "heat", "slow"])
+def test_what_a_model_misses_is_no_line_that_flickers(seed, missed):
+    left = _residual(np.random.default_rng(seed), **missed)
+    assert flickering_lines(left, 1, 0.05) == () == flickering_lines(left, 2, 0.05)

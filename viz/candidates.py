@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
 from flashtemp.viz import theme, verdict_parts
 from flashtemp.viz.residuals import BAND, plain
 
@@ -91,11 +92,14 @@ def _further(value: float) -> float:
 
 
 def _amplitudes(ax, cause) -> None:
-    """The first parameter of a cause fitted to every condition alone, over the common value and its 95 % band."""
+    """The first parameter of a cause fitted to every condition alone, over the common value and its 95 % band; of a
+    learned law the factor by which each condition would have the law as a whole."""
     common, told = cause.parameters[0], cause.per_condition
+    is_law = cause.effect == EFFECT_NAME
     at = np.arange(len(told))
-    ax.axvspan(*common.ci95, color=BAND, lw=0)
-    ax.axvline(common.value, color=COMMON, lw=1.0)
+    if not is_law:
+        ax.axvspan(*common.ci95, color=BAND, lw=0)
+    ax.axvline(1.0 if is_law else common.value, color=COMMON, lw=1.0)
     for i, own in enumerate(told):
         ax.errorbar(own.value, i, xerr=SURE * own.stderr, fmt="o", ms=3.5, color=theme.SLIDING, lw=1.0, capsize=2)
     words = [
@@ -105,11 +109,11 @@ def _amplitudes(ax, cause) -> None:
     ax.set_yticks(at, words, fontsize=7.0)
     ax.set_ylim(len(told) - 0.4, -0.6)
     values = [own.value + s * SURE * own.stderr for own in told for s in (1, -1)]
-    ax.set_xlim(theme.span(values, [*common.ci95], least=1e-12, margin=0.08))
-    unit = "–" if common.unit == "1" else plain(common.unit)
-    ax.set_xlabel(f"{verdict_parts.name(common.name)} ({unit})")
+    ax.set_xlim(theme.span(values, [1.0] if is_law else [*common.ci95], least=1e-12, margin=0.08))
+    unit = "–" if is_law or common.unit == "1" else plain(common.unit)
+    ax.set_xlabel(f"{'factor on the whole law' if is_law else verdict_parts.name(common.name)} ({unit})")
     chance = f"so much scatter by chance: {100 * cause.consistent:.2g} %"
-    ax.set_title(f"{verdict_parts.name(cause.effect)}: each condition alone\n{chance}")
+    ax.set_title(f"each condition alone\n{chance}")
 
 
 # --- could it be something else ---------------------------------------------------------------------

@@ -33,6 +33,10 @@ class Criteria:
         5.0, "ln Bayes factor", "by which a cause must exceed an alternative to be told from it",
         "odds of 150 to 1: `very strong` of Kass and Raftery (J. Am. Stat. Assoc. 90, 1995, 773)",
     )  # fmt: skip
+    ln_odds_handling_error: float = _number(
+        4.6, "ln odds", "before the data, against a recording that was exchanged, mirrored or mislabelled",
+        "one recording of a hundred is handled wrongly",
+    )  # fmt: skip
     max_causes: float = _number(
         2.0, "effects", "that are accepted together",
         "a third one is rather what the catalogue lacks; it is then reported as unexplained",
@@ -70,6 +74,10 @@ class Criteria:
     law_excess_left: float = _number(
         0.5, "1", "fraction of the excess misfit of left-out data that a learned law may leave",
         "a law that predicts takes away more than it leaves",
+    )  # fmt: skip
+    ln_bayes_law_node: float = _number(
+        3.0, "ln Bayes factor", "that further nodes of a learned law must gain",
+        "odds of 20 to 1: `strong` of Kass and Raftery",
     )  # fmt: skip
     # --- adequacy of the final model -------------------------------------------------------------------------------
     noise_sd_uncertainty: float = _number(
@@ -111,6 +119,15 @@ class Criteria:
     pull_input: float = _number(
         3.0, "standard deviations", "of prior and data together, beyond which the data contradict a stated input",
         "1 in 370 for one of some 20 inputs; Demortier and Lyons (2002)",
+    )  # fmt: skip
+
+    sd_ratio_uncheckable: float = _number(
+        0.8, "1", "posterior over prior standard deviation of a stated input, above which the data cannot check it",
+        "the data then bring 0.56 of the information that the prior has, or less",
+    )  # fmt: skip
+    certain_misfit_chi2: float = _number(
+        2.0, "chi2 per datum", "of the calibrated base, beyond which a fit without end is no excuse for no verdict",
+        "no noise that is stated to 5 % doubles its variance",
     )  # fmt: skip
 
 

@@ -257,7 +257,7 @@ def collect_evidence(
     unusual = [e for e in setup if e.is_unusual(CRITERIA)]
     return Evidence(
         is_converged=final.usable and search.base.status is not Status.FAILED,
-        base_certainly_misfits=search.base.chi2 > 2.0 * search.base.solution.count,
+        base_certainly_misfits=search.base.chi2 > CRITERIA.certain_misfit_chi2 * search.base.solution.count,
         causes=tuple(sorted(names)),
         is_hint=is_hint,
         ln_bayes=final.secured - search.base.secured,

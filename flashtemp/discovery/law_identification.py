@@ -33,8 +33,6 @@ from flashtemp.errors import SolverFailure
 
 # Prior standard deviation of a law at its nodes, in units of the typical size of its quantity; evidence chooses one.
 RELATIVE_WIDTHS = (0.1, 0.3, 1.0, 3.0)
-# ln Bayes factor that nodes between the nodes must gain: odds of 20 to 1, "strong" of Kass and Raftery (1995).
-LN_BAYES_REFINEMENT = 3.0
 # Laws simulated together: every node keeps a column of all data, and 30 columns take about as much memory as a base.
 MAX_BATCH_LAWS = 6
 # Points of a reported curve, and of the mean of a pressure factor over the block (error below 1e-4): plotting only.
@@ -267,7 +265,7 @@ def _refine_nodes(search: Search, found: FittedLaw, watch: Watch) -> FittedLaw:
             finer = _fit_refined(search, found, nodes, watch)
         except SolverFailure:
             break  # the coarser law is known already
-        if finer.fit.ln_evidence < found.fit.ln_evidence + LN_BAYES_REFINEMENT:
+        if finer.fit.ln_evidence < found.fit.ln_evidence + CRITERIA.ln_bayes_law_node:
             break
         found = finer
     return found

@@ -14,12 +14,11 @@ from enum import StrEnum
 
 import numpy as np
 
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
 from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
-PULL_CONTRADICTED = 3.0  # standard deviations of prior and data together
-SD_RATIO_UNCHECKABLE = 0.8  # posterior over prior standard deviation, above which the data say nothing
 CORRELATION_TOLD_TOGETHER = 0.9  # of columns that nuisances cannot absorb
 LN_FACTOR_MAX = 100.0  # of an estimate: where the data say nothing it may be any number
 FIXED_SHARE = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
@@ -117,9 +116,9 @@ def _data_alone(posterior: float, sd: float, prior: Prior) -> tuple[float, float
 
 
 def _verdict(ratio: float, pull: float) -> InputVerdict:
-    if ratio > SD_RATIO_UNCHECKABLE:
+    if ratio > CRITERIA.sd_ratio_uncheckable:
         return InputVerdict.NOT_CHECKABLE
-    return InputVerdict.CONTRADICTED if abs(pull) > PULL_CONTRADICTED else InputVerdict.CONSISTENT
+    return InputVerdict.CONTRADICTED if abs(pull) > CRITERIA.pull_input else InputVerdict.CONSISTENT
 
 
 def _entangled(found: Solution, column: ParameterId) -> tuple[ParameterId, ...]:
@@ -159,7 +158,7 @@ def groups_of_inputs(
     wanted = [p for i in known if (p := columns[i.key]) is not None]
     information = system.projected(nuisances, wanted, equations).information
     strength = np.diag(information) * np.array([i.sd for i in known]) ** 2
-    able = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < SD_RATIO_UNCHECKABLE**2)
+    able = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < CRITERIA.sd_ratio_uncheckable**2)
     size = np.sqrt(np.diag(information)[able])
     alike = np.abs(information[np.ix_(able, able)]) / np.outer(size, size) > CORRELATION_TOLD_TOGETHER
     _, label = connected_components(alike, directed=False)

@@ -31,7 +31,6 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
 MIN_COMMON_FRACTION = 0.25  # of the stated data that a hypothesis must predict too, to be compared at all
-LN_ODDS_HANDLING_ERROR = float(np.log(100.0))  # prior: one recording of a hundred is handled wrongly
 FRICTION_LAW_SD = 0.3  # ln of friction between conditions, by laws of load and speed that a case may lack
 TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
 
@@ -208,7 +207,8 @@ class HypothesisEvidence:
 
         Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
         """
-        needed = CRITERIA.ln_bayes_distinct + LN_ODDS_HANDLING_ERROR + float(np.log(max(hypotheses, 1)))
+        odds = CRITERIA.ln_odds_handling_error + float(np.log(max(hypotheses, 1)))
+        needed = CRITERIA.ln_bayes_distinct + odds
         return self.ln_bayes > needed and self.halves_excess
 
 

@@ -114,7 +114,7 @@ def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Sea
 
 def shortlist(ranked: Sequence[Score]) -> list[Score]:
     """Candidates that are fitted in full."""
-    likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint - 2.0]
+    likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
         return []
     best = likely[0].ln_bayes

@@ -173,7 +173,8 @@ def _reduced(
         priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
     # a recording that is the only one of its view lies where the fit has it: its error is that of the view
     alone = {views[p.file]: p for p in fit.solution.names if p.kind in PLACED and p.file and count[views[p.file]] == 1}
-    found = system.projected(priors, list(names), system.total(variances=fit.hyper.variances))
+    # cameras of data that are held out stand somewhere too
+    found = system.projected(priors, list(names), system.total(lambda b: True, fit.hyper.variances))
     places = []
     for p in names:
         single = alone.get(p.name) if p.kind in PLACED and not p.file else None

@@ -58,7 +58,7 @@ def align_images(
 ) -> Linearisation:
     """Images where the data want them with the physics (`fixed` parameters) as it is.  Raises SolverFailure."""
     marched, region = at.model, TrustRegion()
-    value = objective(problem, at, hyper, fixed)
+    value = objective(problem, at, hyper, fixed, every=True)
     for _ in range(MAX_ALIGNMENTS):
         names, model = _quadratic(problem, at, hyper, fixed, marched)
         if model.reduction(model.best_step()) < NEGLIGIBLE_GAIN:
@@ -66,7 +66,7 @@ def align_images(
         scale = np.array([STEP_SCALE[p.kind] for p in names])
         step = region.step(model, scale)
         trial = _seen_again(problem, data, at, moved_images(at.model, dict(zip(names, step.tolist(), strict=True))))
-        there = objective(problem, trial, hyper, fixed)
+        there = objective(problem, trial, hyper, fixed, every=True)
         ratio = (value - there) / max(model.reduction(step), 1e-300)
         region = region.after(ratio, step, scale)
         if ratio > 0.0:
@@ -74,14 +74,17 @@ def align_images(
     return at
 
 
-def objective(problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]) -> float:
+def objective(
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], every: bool = False
+) -> float:
     """Half of chi2 of data and priors at a point: physics and images stand still, all else is at its optimum.
 
-    Priors of `fixed` parameters of the physics are not counted.
+    Priors of `fixed` parameters of the physics are not counted.  `every` datum counts, or those that are fitted.
     """
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
-    found = at.system.solve(free, at.system.total(variances=hyper.variances))
+    total = at.system.total((lambda b: True) if every else None, hyper.variances)
+    found = at.system.solve(free, total)
     mean, precision = _image_prior(problem, at, images)
     return 0.5 * (found.chi2 + float(mean @ precision @ mean))
 

@@ -110,8 +110,9 @@ class Criteria:
     )  # fmt: skip
     # --- inputs and recordings -------------------------------------------------------------------------------------
     pull_setup: float = _number(
-        2.0, "standard deviations", "of a set-up error (scale, turn, clock, length) beyond which it is named",
-        "1 in 20 set-ups is farther off; it must be 4 of its own standard errors from none too",
+        1.75, "standard deviations", "of a set-up error (scale, turn, clock, length), two standard errors allowed for, "
+        "beyond which it is named",
+        "1 in 12 set-ups is farther off",
     )  # fmt: skip
     setup_standard_errors: float = _number(
         4.0, "standard errors", "of a set-up error from none, below which it is chance", "1 in 16,000"

@@ -51,8 +51,10 @@ class SetupError:
         return self.parameter.kind is Kind.INPUT
 
     def is_unusual(self, criteria: Criteria) -> bool:
-        """Whether it lies where few set-ups do."""
-        return abs(self.pull) > (criteria.pull_input if self.is_input else criteria.pull_setup)
+        """Whether it lies where few set-ups do; how a camera stood and the block's size, by two standard errors."""
+        if self.is_input:
+            return abs(self.pull) > criteria.pull_input
+        return abs(self.pull) * (1.0 - 2.0 * self.stderr / abs(self.value)) > criteria.pull_setup
 
 
 @dataclass(frozen=True)

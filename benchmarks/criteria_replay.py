@@ -182,7 +182,7 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
             (forward_selection, "pairs", lambda *args: [stored.pair]),
             (setup_module, "_reduced", reduced),
             (setup_module, "_visible_fraction", visible_fraction),
-            (setup_module, "words", lambda *args: ""),
+            (setup_module, "describe_error", lambda *args: ""),
         ):
             stack.enter_context(patch.object(module, name, answer))
         yield

@@ -79,15 +79,15 @@ def one(seed: int) -> dict:
     from flashtemp.discovery import engine
     from flashtemp.discovery.criteria import CRITERIA
     from flashtemp.discovery.law_identification import RELATIVE_WIDTHS, laws_of, price_of_choice, score_laws
-    from flashtemp.discovery.prediction import predict
-    from flashtemp.discovery.problem import prepare
+    from flashtemp.discovery.prediction.prediction import predict_condition
+    from flashtemp.discovery.prediction.problem import prepare_problem
     from flashtemp.discovery.selection.forward_selection import Search
     from flashtemp.runs.workers import crew
 
     began = time.process_time()
-    with tempfile.TemporaryDirectory() as folder, crew(predict, 1) as run:
+    with tempfile.TemporaryDirectory() as folder, crew(predict_condition, 1) as run:
         laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
-        problem = prepare(replace(campaign.load(folder), candidates=TRIED), run)
+        problem = prepare_problem(replace(campaign.load(folder), candidates=TRIED), run)
         problem, _, first = engine.correct(problem, print)
         problem, data, base = engine.calibrate(problem, first, print)
         calibrated = Search(problem, data, base, base, {frozenset(): base})

@@ -23,12 +23,12 @@ from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, refit
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
 from flashtemp.discovery.diagnostics.effect_size import largest_change
 from flashtemp.discovery.diagnostics.setup_errors import Reduced
+from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
+from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.floor import LARGEST
-from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, price_of_choice
-from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.selection import forward_selection
 from flashtemp.discovery.selection.forward_selection import Search
@@ -297,7 +297,8 @@ def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
 def _store_setup(search: Search, fit: Fit, system: System, inputs: Any) -> StoredSetup:
     known = {i.parameter: i for i in inputs}
     problem = search.problem
-    found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in (None, LARGEST))
+    floors = (None, LARGEST_DISCREPANCY)
+    found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in floors)
     squares = {}
     for p in () if found is None else found.names:
         if p.kind in PLACED:

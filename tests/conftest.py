@@ -140,13 +140,13 @@ def lab():
 def calibrate():
     """A campaign as discovery has it before it looks for causes: recordings corrected, the stated model calibrated."""
     from flashtemp.discovery import engine
-    from flashtemp.discovery.prediction import predict
-    from flashtemp.discovery.problem import prepare
+    from flashtemp.discovery.prediction.prediction import predict_condition
+    from flashtemp.discovery.prediction.problem import prepare_problem
     from flashtemp.runs.workers import crew
 
     def made(campaign):
-        with crew(predict, 1) as run:
-            problem, errors, first = engine.correct(prepare(campaign, run), lambda text: None)
+        with crew(predict_condition, 1) as run:
+            problem, errors, first = engine.correct(prepare_problem(campaign, run), lambda text: None)
             problem, data, base = engine.calibrate(problem, first, lambda text: None)
         return SimpleNamespace(problem=problem, data=data, base=base, recording_errors=errors)
 

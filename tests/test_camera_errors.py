@@ -23,11 +23,18 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.line_noise import LineNoise
 from flashtemp.comparison.noise import Noise, beyond_stated, noise, unwhiten, whiten
 from flashtemp.comparison.screening import screen_campaign
-from flashtemp.discovery.camera_errors import FAMILIES, NONE, USUAL, camera_columns, smooth_maps, wiener_modes
-from flashtemp.discovery.linear_gaussian import Block, System, products
-from flashtemp.discovery.nuisances import is_camera_gain, rescaled
+from flashtemp.discovery.estimation.camera_error_columns import (
+    FAMILIES,
+    NONE,
+    USUAL,
+    camera_columns,
+    smooth_maps,
+    wiener_modes,
+)
+from flashtemp.discovery.estimation.linear_gaussian import Block, System, gram_matrices
+from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, scale_priors
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Observable
+from flashtemp.discovery.prediction.prediction import Observable
 from flashtemp.errors import BadInput
 
 SIGMA = 0.05  # K
@@ -271,7 +278,7 @@ def test_an_error_that_the_model_spans_is_absorbed_and_only_at_a_size_that_is_no
     size = 0.003 if kind is Kind.MAP else 1.0
     error = F @ (size * rng.normal(size=F.shape[1]))
     block = Block("a", 0, False, error, np.zeros((len(error), 0), np.float32),
-                  tuple((p.within(0, "a"), k) for k, p in enumerate(names)), F, products([F])[0])  # fmt: skip
+                  tuple((p.within(0, "a"), k) for k, p in enumerate(names)), F, gram_matrices([F])[0])  # fmt: skip
     system = System([block])
     priors = {p: (0.0, size) for p in system.names}
     found = system.solve(priors)
@@ -306,8 +313,8 @@ def test_an_ideal_camera_has_the_priors_that_it_had():
     priors = dict.fromkeys([*names, low, high], (0.0, 1.0))
     assert not is_camera_gain(low)
     assert is_camera_gain(high)
-    assert rescaled(priors, 1.0, 1e-3, NONE) == {low: (0.0, 1.0)}
-    assert rescaled(priors, 1.0, 1e-3, USUAL).keys() == priors.keys()
+    assert scale_priors(priors, 1.0, 1e-3, NONE) == {low: (0.0, 1.0)}
+    assert scale_priors(priors, 1.0, 1e-3, USUAL).keys() == priors.keys()
     assert all(sizes[0] == 0.0 for sizes in FAMILIES.values())
 
 

@@ -14,7 +14,7 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics.setup_errors import Reduced
 from flashtemp.discovery.estimation.linearised_fit import Status
-from flashtemp.discovery.nuisances import GROUPS
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS
 from flashtemp.discovery.parameters import Kind, ParameterId
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"

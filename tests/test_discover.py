@@ -26,10 +26,11 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import engine, prediction, whitening
+from flashtemp.discovery import engine
 from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
-from flashtemp.discovery.estimation import fitting
+from flashtemp.discovery.estimation import fitting, whitening
 from flashtemp.discovery.parameters import SHIFTS, ParameterId
+from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.verdict import KINDS
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load

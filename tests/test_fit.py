@@ -11,11 +11,10 @@ import pytest
 
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import scales
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
 from flashtemp.discovery.diagnostics.cross_validation import without_flexible_terms
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_assumed_optics
-from flashtemp.discovery.estimation import image_alignment
+from flashtemp.discovery.estimation import image_alignment, prior_widths
 from flashtemp.discovery.estimation.fitting import (
     NEGLIGIBLE_GAIN,
     NOISE_GAIN,
@@ -24,13 +23,13 @@ from flashtemp.discovery.estimation.fitting import (
     fit_hypothesis,
     run_fits,
 )
+from flashtemp.discovery.estimation.linear_gaussian import residual
 from flashtemp.discovery.estimation.linearised_fit import Status
-from flashtemp.discovery.floor import LARGEST, LEAST
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import residual
-from flashtemp.discovery.nuisances import GROUPS, MODE, UNSURE, nuisances
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, UNSURE, nuisance_priors
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import _untold, prepare
+from flashtemp.discovery.prediction.problem import _untold, prepare_problem
 from flashtemp.discovery.selection.scores import SEEN, scores, worth_another_look
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
@@ -146,13 +145,13 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
     first, second = two.problem.campaign.views
     mute = replace(first, recording=replace(first.recording, registration_sigma_px=None, psf_sigma_px=None))
     exact = replace(second, recording=replace(second.recording, registration_sigma_px=0.0))
-    found = prepare(replace(two.problem.campaign, views=(mute, exact)), two.problem.run)
+    found = prepare_problem(replace(two.problem.campaign, views=(mute, exact)), two.problem.run)
     assert found.untold == {mute.file: ("registration_sigma_px", "psf_sigma_px")}
     taken, told = (v.recording for v in found.campaign.views)
     assert (taken.registration_sigma_px, taken.psf_sigma_px, told.registration_sigma_px) == (0.5, 0.7, 0.0)
     spread = [ParameterId(Kind.SPREAD, file=v.file) for v in found.campaign.views]
     shift = ParameterId(Kind.SHIFT_U, file=mute.file)
-    priors = nuisances(found, [*spread, shift], found.start)
+    priors = nuisance_priors(found, [*spread, shift], found.start)
     assert [priors[p][1] for p in (*spread, shift)] == [UNSURE, GROUPS[Kind.SPREAD], 0.5]
     solution = replace(two.base.solution, names=tuple(spread), d=np.array([0.4, 0.1]))
     far = normalised_deviations(replace(two.base, priors=priors, solution=solution))
@@ -172,10 +171,10 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
 def test_something_has_to_be_fitted(two):
     stated = two.problem.campaign
     views = tuple(replace(v, held_out=True) for v in stated.views)
-    prepare(replace(stated, views=views), two.problem.run)  # load cells are left
+    prepare_problem(replace(stated, views=views), two.problem.run)  # load cells are left
     forces = tuple(replace(f, held_out=True) for f in stated.forces)
     with pytest.raises(BadInput, match="leave at least one to be fitted"):
-        prepare(replace(stated, views=views, forces=forces), two.problem.run)
+        prepare_problem(replace(stated, views=views, forces=forces), two.problem.run)
 
 
 def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
@@ -213,15 +212,20 @@ def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(
 def test_scale_and_floor_are_chosen_together():
     """As a null had it: with the larger floor a smaller scale is likelier by a trifle, with the smaller floor another
     one by 13."""
-    known = {(0.3, LEAST): 0.0, (1.0, LEAST): 13.0, (0.3, LARGEST): -1.8, (1.0, LARGEST): -2.0}
+    known = {
+        (0.3, LEAST_DISCREPANCY): 0.0,
+        (1.0, LEAST_DISCREPANCY): 13.0,
+        (0.3, LARGEST_DISCREPANCY): -1.8,
+        (1.0, LARGEST_DISCREPANCY): -2.0,
+    }
     mode, floor = ParameterId(Kind.MODE, (1,)), ParameterId(Kind.FLOOR, (0,), file="condition1_sidewall.nc")
-    priors = {mode: (0.0, MODE), floor: (0.0, LEAST)}
+    priors = {mode: (0.0, MODE), floor: (0.0, LEAST_DISCREPANCY)}
     system = SimpleNamespace(
         known=lambda priors: (mode, floor),
         evidence=lambda priors, equations: lambda sd: known.get((round(sd[0] / MODE, 6), sd[1]), -99.0),
     )
-    found = scales.likeliest_widths(system, priors, {}, object(), (LARGEST, LEAST))
-    assert (found.scale, found.floor) == (1.0, LEAST)
+    found = prior_widths.likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
+    assert (found.scale, found.floor) == (1.0, LEAST_DISCREPANCY)
 
 
 @pytest.mark.parametrize(("behind", "promise", "ends"), [(100.0, 10.0, True), (100.0, 80.0, False), (20.0, 1.0, False)])

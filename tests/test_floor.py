@@ -13,10 +13,10 @@ from flashtemp.camera.recording import Recording
 from flashtemp.camera.recording import load as recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery import floor
 from flashtemp.discovery.decision import EffectSize, Evidence, decide
 from flashtemp.discovery.engine import discover
-from flashtemp.discovery.prediction import Observable
+from flashtemp.discovery.estimation import model_discrepancy
+from flashtemp.discovery.prediction.prediction import Observable
 
 TRIED = ("friction_softening", "interface_resistance")
 SMALL = Programme(0.4, wait=4.0, columns=50, mesh=0.5)
@@ -35,15 +35,15 @@ def seen(view, frames=6, nv=20, nu=30):
 @pytest.mark.parametrize("view", ["sidewall", "wake"])
 def test_a_prior_of_one_size_is_an_error_of_that_size(view):
     """Monte Carlo of 400 draws: rms over a view relative to its rise, within what so many draws scatter."""
-    columns = floor.smooth_errors(*seen(view))
+    columns = model_discrepancy.discrepancy_basis(*seen(view))
     C = np.stack([c.ravel() for c in columns.values()], axis=1) / 20.0
     rng = np.random.default_rng(3)
-    drawn = C @ rng.normal(size=(C.shape[1], 400)) * floor.LARGEST
-    assert np.sqrt(np.mean(drawn**2)) == pytest.approx(floor.LARGEST, rel=0.1)
+    drawn = C @ rng.normal(size=(C.shape[1], 400)) * model_discrepancy.LARGEST_DISCREPANCY
+    assert np.sqrt(np.mean(drawn**2)) == pytest.approx(model_discrepancy.LARGEST_DISCREPANCY, rel=0.1)
 
 
 def test_a_wake_has_one_smooth_error_across_its_width():
-    columns = floor.smooth_errors(*seen("wake"))
+    columns = model_discrepancy.discrepancy_basis(*seen("wake"))
     assert all(p.index[1] == 0 for p in columns)
 
 
@@ -86,4 +86,4 @@ def test_a_cause_above_the_floor_is_named_and_its_interval_holds(tmp_path):
     low, high = cause.parameters[0].ci95
     assert cause.effect == "friction_softening"
     assert low < 0.006 < high
-    assert found.gain["share"] > floor.LEAST
+    assert found.gain["share"] > model_discrepancy.LEAST_DISCREPANCY

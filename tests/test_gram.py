@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flashtemp.discovery.linear_gaussian import Block, System, residual
+from flashtemp.discovery.estimation.linear_gaussian import Block, System, residual
 from flashtemp.discovery.parameters import Kind, ParameterId
 
 MU, PHI = ParameterId.of_key("friction.mu"), ParameterId.of_key("contact.spot_fraction")

@@ -14,8 +14,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.discovery.diagnostics.adequacy_tests import unnamed_heat_evidence
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Derivatives, predict
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
 
 BOARD = Path(__file__).parents[1] / "cases" / "heated_board"
 PEERS = (6.2, 6.5, 10.6)  # K rms: best published submissions at 5.72, 11.44, 17.16 mm
@@ -79,7 +79,7 @@ def test_discovery_names_the_slope_of_the_conductivity(candidates):
 
 def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     """Nor where only data that are held out feel it."""
-    problem = prepare(campaign.load(BOARD), lambda tasks: [predict(t) for t in tasks])
+    problem = prepare_problem(campaign.load(BOARD), lambda tasks: [predict_condition(t) for t in tasks])
     tasks = problem.tasks(problem.start, Derivatives(problem.free, scatter=True, modes=2, trends=True))
     [made] = problem.predictions(tasks[:1])
     kinds = {p.kind for o in made.observables.values() for p in o.columns}

@@ -105,10 +105,10 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
     from truth import laboratory
 
     from flashtemp.comparison import campaign
+    from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
     from flashtemp.discovery.measurement_errors.initial_registration import register_images
-    from flashtemp.discovery.nuisances import everything
-    from flashtemp.discovery.prediction import predict
-    from flashtemp.discovery.problem import prepare
+    from flashtemp.discovery.prediction.prediction import predict_condition
+    from flashtemp.discovery.prediction.problem import prepare_problem
 
     test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
     laboratory.campaign(tmp_path, hidden, 908, test=test, beyond=beyond, views=("sidewall",))
@@ -119,8 +119,8 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
         T[1] = np.nan
         T[np.random.default_rng(1).uniform(size=T.shape) < 0.3] = np.nan
         stated = replace(stated, views=(replace(view, recording=replace(view.recording, temperature=T)),))
-    problem = prepare(stated, lambda tasks: [predict(t) for t in tasks])
-    first = problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+    problem = prepare_problem(stated, lambda tasks: [predict_condition(t) for t in tasks])
+    first = problem.predictions(problem.tasks(problem.start, replace(all_derivatives(problem), fields=True)))
     found = register_images(problem, first)
     if is_registered:  # at first, or by the alignment of the fit
         base = calibrate(replace(stated, candidates=())).base

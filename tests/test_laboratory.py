@@ -17,11 +17,12 @@ from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
-from flashtemp.discovery import engine, prediction
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.nuisances import astray
+from flashtemp.discovery import engine
+from flashtemp.discovery.estimation.nuisance_priors import position_sd_px
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.prediction import prediction
+from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.model.case import load
 from flashtemp.runs.workers import crew
 
@@ -43,9 +44,9 @@ def test_an_image_is_as_far_off_as_any_point_about_which_it_turned_makes_it():
     r = Recording("sidewall", frames, np.zeros(1), np.ones(1, int), u, v, registration_sigma_px=0.2)
     for axis, moved in ((0, z), (1, x)):
         off = np.hypot(0.2, 9e-3 * moved.std() / 3e-4)
-        assert astray(r, Place(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
-        assert astray(r, Place(scale=0.003), axis) == 0.2  # grows from the corner that was marked
-    assert astray(replace(r, view="wake"), Place(turn=9e-3), 0) == 0.2  # lined up along the block's edge
+        assert position_sd_px(r, Place(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
+        assert position_sd_px(r, Place(scale=0.003), axis) == 0.2  # grows from the corner that was marked
+    assert position_sd_px(replace(r, view="wake"), Place(turn=9e-3), 0) == 0.2  # lined up along the block's edge
 
 
 # --- an image that is turned or scaled ----------------------------------------------------------------------
@@ -139,7 +140,7 @@ def test_a_block_much_longer_than_told_is_found(tmp_path, calibrate):
 def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     """Wherever the image lies already: pixels that are larger also see more at once."""
     scale, turn, shift = where
-    problem = prepare(tiny, lambda tasks: [prediction.predict(t) for t in tasks])
+    problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     [view] = tiny.views
     p, step = ParameterId(kind, file=view.file), 2e-4
     model = problem.start.moved(ParameterId(Kind.SCALE, file=view.file), scale)
@@ -172,7 +173,7 @@ def test_a_late_clock_shows_what_an_earlier_stamp_shows(tiny):
     [view], late = tiny.views, 0.03
 
     def seen(told, model):
-        problem = prepare(told, lambda tasks: [prediction.predict(t) for t in tasks])
+        problem = prepare_problem(told, lambda tasks: [prediction.predict_condition(t) for t in tasks])
         [made] = problem.predictions(problem.tasks(model, prediction.Derivatives(optics=True)))
         return made.observables[view.file]
 
@@ -186,7 +187,7 @@ def test_a_late_clock_shows_what_an_earlier_stamp_shows(tiny):
 def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
     """The last frame is of the end of the schedule: moved on, it and all its traces stay."""
     [view], on = tiny.views, prediction.Derivatives(scatter=True)
-    problem = prepare(tiny, lambda tasks: [prediction.predict(t) for t in tasks])
+    problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     there, beyond = (
         problem.predictions(problem.tasks(Model().moved(ParameterId(Kind.CLOCK, file=view.file), c), on))[0]
         for c in (0.0, -0.01)
@@ -199,8 +200,8 @@ def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
 # --- priors that a campaign states ----------------------------------------------------------------------------
 def test_a_campaign_states_what_is_known_of_its_free_keys(tiny):
     told = replace(tiny, free=("contact.spot_fraction", "friction.mu"), priors={"contact.spot_fraction": 0.33})
-    with crew(prediction.predict, 1) as run:
-        priors = prepare(told, run).priors
+    with crew(prediction.predict_condition, 1) as run:
+        priors = prepare_problem(told, run).priors
     assert priors == {ParameterId.of_key("contact.spot_fraction"): 0.33, ParameterId.of_key("friction.mu"): 0.1}
 
 
@@ -213,7 +214,7 @@ def test_traces_of_a_wall_that_its_film_cools_are_differences_of_images(tmp_path
     case = load(tmp_path / "case.toml", {"numerics.mesh": 0.5, "road.track_length": 0.4} | given)
     made = twin(case, Plan((), 7, 1, ("sidewall",), 1, waiting=0), tmp_path / "lab")
     told = replace(campaign.load(made), forces=(), free=(key,))
-    problem = prepare(told, lambda tasks: [prediction.predict(t) for t in tasks])
+    problem = prepare_problem(told, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     p, [view] = ParameterId.of_key(key), told.views
 
     def seen(model, **derivatives):

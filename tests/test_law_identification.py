@@ -21,8 +21,8 @@ from flashtemp.discovery.law_identification import (
     price_of_choice,
     shortlist,
 )
-from flashtemp.discovery.prediction import predict
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.prediction.prediction import predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.selection.forward_selection import select
 
 DISTANCE, WAIT, SIGMA = 0.2, 1.0, 0.005  # m, s, and the noise of the load cell
@@ -87,7 +87,9 @@ def identified(tmp_path_factory):
 
     @cache
     def made(friction):
-        problem = prepare(write_campaign(tmp_path_factory.mktemp("law"), friction), lambda ts: [predict(t) for t in ts])
+        problem = prepare_problem(
+            write_campaign(tmp_path_factory.mktemp("law"), friction), lambda ts: [predict_condition(t) for t in ts]
+        )
         problem, _, first = engine.correct(problem, quiet)
         search = select(*engine.calibrate(problem, first, quiet), quiet)
         with pytest.MonkeyPatch.context() as patch:

@@ -32,6 +32,7 @@ TOWER = [  # from the ground; a package imports itself and what stands before it
 FLOOR = {name: floor for floor, names in enumerate(TOWER) for name in names}
 DISCOVERY = [  # the same inside discovery; modules that lie in no group are shared by all and may import from all
     ["hypotheses"],
+    ["prediction"],
     ["estimation"],
     ["measurement_errors"],
     ["selection"],

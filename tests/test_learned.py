@@ -18,12 +18,14 @@ import flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import SEALED, Plan, twin
 from flashtemp.discovery import engine, law_identification
-from flashtemp.discovery.camera_errors import NONE
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.estimation.camera_error_columns import NONE
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
+from flashtemp.discovery.estimation.linear_gaussian import Block, System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimate_per_condition, estimates_per_condition
-from flashtemp.discovery.floor import MIDDLE
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula
 from flashtemp.discovery.hypotheses.piecewise_linear_law import (
     EFFECT_NAME,
@@ -35,8 +37,6 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import (
     graded_nodes,
     nodes_at_values,
 )
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import Block, System
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.selection.forward_selection import Search
 from flashtemp.model.case import load
@@ -190,7 +190,7 @@ TRUE = {  # what holds, and over which argument: ln of the factor at the nodes
 }
 
 
-EXACT = Hyperparameters(1.0, MIDDLE, NONE)
+EXACT = Hyperparameters(1.0, TYPICAL_DISCREPANCY, NONE)
 
 
 def law_of(sizes, wobble=0.0, seed=3, held=()):

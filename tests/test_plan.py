@@ -14,8 +14,8 @@ from flashtemp.comparison.twin import Plan, twin
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.experiment_design import SURE, plan
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction import Derivatives, predict
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.selection.scores import Separability
 from flashtemp.model.case import load
 from flashtemp.physics.effect import catalogue
@@ -58,8 +58,8 @@ def written(tmp_path):
 
 
 def outlook(told):
-    with crew(predict, 1) as run:
-        return plan(prepare(told, run))
+    with crew(predict_condition, 1) as run:
+        return plan(prepare_problem(told, run))
 
 
 @pytest.fixture(scope="module")
@@ -243,8 +243,8 @@ def test_a_key_that_the_default_mesh_follows_may_move(tmp_path):
     text = planned("{}", '{ "schedule.speed" = 9.0 }', views=("sidewall",)).replace("friction.mu", key)
     (tmp_path / "case.toml").write_text(FAST)
     (tmp_path / "campaign.toml").write_text(text)
-    with crew(predict, 1) as run:
-        problem = prepare(campaign.load(tmp_path, planned=True), run)
+    with crew(predict_condition, 1) as run:
+        problem = prepare_problem(campaign.load(tmp_path, planned=True), run)
         slow, fast = problem.tasks(problem.start, Derivatives(own=problem.free))
         for task in (slow, fast):
             base = task.case.with_values(task.given | task.pins)

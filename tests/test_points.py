@@ -17,10 +17,10 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.twin import SEALED
-from flashtemp.discovery import sensor_places
-from flashtemp.discovery.prediction import Derivatives, predict
-from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.thermocouples import gain_of
+from flashtemp.discovery import sensor_positions
+from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
+from flashtemp.discovery.prediction.sensor_parameters import sensor_gain
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
@@ -478,10 +478,10 @@ def test_without_a_gain_the_same_is_left_over(tmp_path):
 
 def test_a_gain_moves_the_rise_of_its_own_point(tmp_path):
     made = gauged(tmp_path, 0.005)
-    problem = prepare(made, lambda tasks: [predict(t) for t in tasks])
+    problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
     [seen] = problem.predictions(problem.tasks(problem.start, Derivatives(problem.free, optics=True)))
     shown = seen.observables[made.views[0].file]
-    column = shown.columns[gain_of("b", 1)]
+    column = shown.columns[sensor_gain("b", 1)]
     rise = shown.values[:, 0] - 20.0
     assert np.array_equal(column[:, 0], 0.0 * rise[:, 0])
     assert column[:, 1] == pytest.approx(rise[:, 1], rel=1e-6)
@@ -490,8 +490,8 @@ def test_a_gain_moves_the_rise_of_its_own_point(tmp_path):
 def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
     """A gain is drawn within its standard deviation and shown; one more thermocouple is as good as those that there are."""
     made = gauged(tmp_path, 0.05)
-    problem = prepare(made, lambda tasks: [predict(t) for t in tasks])
-    assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_places.views(problem))
+    problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
+    assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_positions.candidate_sensor_recordings(problem))
     scene, recording = problem.case.scene, made.views[0].recording
     drawn = [synthetic.draw(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
     assert np.std(drawn) == pytest.approx(0.05, rel=0.15)

@@ -10,7 +10,8 @@ import pytest
 from flashtemp.camera.placement import Place
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.discovery import whitening
+from flashtemp.discovery.estimation import whitening
+from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
@@ -20,9 +21,8 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_schedule_errors,
 )
 from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvidence, flipped_recordings
-from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.prediction import observe_again, predict
-from flashtemp.discovery.problem import prepare, with_views
+from flashtemp.discovery.prediction.prediction import observe_again, predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem, replace_views
 from flashtemp.model.case import load
 from flashtemp.runs.workers import attempt
 
@@ -37,7 +37,7 @@ WAKES = ("condition1_wake.nc", "condition2_wake.nc")
 
 
 def run(tasks):
-    return [attempt(predict, task) for task in tasks]
+    return [attempt(predict_condition, task) for task in tasks]
 
 
 def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake"), seed=41):
@@ -45,7 +45,7 @@ def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake")
     folder.mkdir()
     (folder / "case.toml").write_text("")
     lab = twin(load(folder / "case.toml", TINY), Plan(hidden, seed, conditions, views, 4), folder / "lab")
-    return cropped(prepare(campaign.load(lab), run), {"sidewall": (0, 16, 108), "wake": (50, 16, 40)})
+    return cropped(prepare_problem(campaign.load(lab), run), {"sidewall": (0, 16, 108), "wake": (50, 16, 40)})
 
 
 def cropped(problem, cuts):
@@ -56,11 +56,11 @@ def cropped(problem, cuts):
         own = slice(first, first + rows)
         T = r.temperature[:, own, :columns]
         views.append(replace(view, recording=replace(r, temperature=T, u=r.u[:columns], v=r.v[own])))
-    return with_views(problem, views)
+    return replace_views(problem, views)
 
 
 def predicted(problem):
-    return problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+    return problem.predictions(problem.tasks(problem.start, replace(all_derivatives(problem), fields=True)))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -85,7 +85,9 @@ def images(problem):
 def with_images(problem, changed):
     """The problem with other images in some recordings, {file: temperature}."""
     views = [v for v in problem.campaign.views if v.file in changed]
-    return with_views(problem, [replace(v, recording=replace(v.recording, temperature=changed[v.file])) for v in views])
+    return replace_views(
+        problem, [replace(v, recording=replace(v.recording, temperature=changed[v.file])) for v in views]
+    )
 
 
 def condition_of(problem):
@@ -133,7 +135,7 @@ def test_a_faint_image_goes_with_a_clear_one_of_the_same_view(plain):
     problem, first = plain
     right = images(problem)
     faint = right[WALLS[1]] + FAINT_K * np.random.default_rng(4).normal(size=right[WALLS[1]].shape)
-    noisy = with_views(problem, [replace(v, sigma_K=FAINT_K) for v in problem.campaign.views if v.file == WALLS[1]])
+    noisy = replace_views(problem, [replace(v, sigma_K=FAINT_K) for v in problem.campaign.views if v.file == WALLS[1]])
 
     def found(clear, faint):
         wrong = with_images(noisy, {WALLS[0]: clear, WALLS[1]: faint})
@@ -234,7 +236,7 @@ def faster(view, factor=3.0):
 def seen_in_pose(problem, first, pose):
     """The problem with the first wall as it would be seen in a pose, without errors of its own but noise."""
     view = problem.conditions[0].views[0]
-    task = replace(problem.tasks(problem.start, everything(problem))[0], views=(view,))
+    task = replace(problem.tasks(problem.start, all_derivatives(problem))[0], views=(view,))
     seen = observe_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
     noise = np.random.default_rng(2).normal(size=seen.values.shape) * 0.05
     return with_images(problem, {view.file: seen.values + noise})

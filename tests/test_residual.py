@@ -9,8 +9,8 @@ import pytest
 
 from flashtemp.comparison.means import Means
 from flashtemp.comparison.noise import Noise, lag_one, noise, structured, unwhiten, whiten
-from flashtemp.discovery import whitening
-from flashtemp.discovery.condensing import groups
+from flashtemp.discovery.estimation import whitening
+from flashtemp.discovery.prediction.frame_averaging import frame_groups
 
 SHAPE = (12, 30, 80)
 
@@ -80,7 +80,7 @@ def test_means_of_frames_say_as_much_as_the_frames(pattern):
 def test_frames_are_taken_together_where_little_changes():
     """The root of the time since an event is, in the mean over a group, that of its middle; no group holds an event."""
     time = np.arange(0.0, 30.0, 0.01)
-    starts = groups(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
+    starts = frame_groups(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
     counts = np.diff([*starts, len(time)])
     assert len(starts) < 0.04 * len(time)
     mine = np.split(time, starts[1:])

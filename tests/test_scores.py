@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from flashtemp.discovery.estimation.linear_gaussian import Block, System
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.hypothesis import Candidate
-from flashtemp.discovery.linear_gaussian import Block, System
+from flashtemp.discovery.hypotheses.candidates import Candidate
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.scores import scores
 from flashtemp.physics.effect import Param
 

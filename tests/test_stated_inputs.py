@@ -12,17 +12,17 @@ import pytest
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
-from flashtemp.discovery.hypotheses.input_checks import InputVerdict, check_inputs, groups_of_inputs
-from flashtemp.discovery.hypotheses.input_columns import add_input_columns
+from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, groups_of_inputs
+from flashtemp.discovery.diagnostics.input_columns import add_input_columns
+from flashtemp.discovery.diagnostics.stated_inputs import input_priors, stated_inputs
+from flashtemp.discovery.estimation.linear_gaussian import System
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, nuisance_priors
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import OTHERWISE, PRIORS
 from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW, exemption, input_kind
-from flashtemp.discovery.hypotheses.stated_inputs import input_priors, stated_inputs
-from flashtemp.discovery.hypothesis import OTHERWISE, PRIORS
-from flashtemp.discovery.linear_gaussian import System
-from flashtemp.discovery.nuisances import GROUPS, nuisances
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Derivatives, predict
-from flashtemp.discovery.problem import prepare
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
 from flashtemp.model.case import load
@@ -47,8 +47,8 @@ def made(tmp_path_factory):
     (folder / "case.toml").write_text("")
     plan = Plan((), 3, conditions=1, views=("sidewall", "wake"), sliding=8, nuisance=0.0)
     read = campaign.load(twin(load(folder / "case.toml", SMALL), plan, folder / "lab"))
-    with crew(predict, 1) as run:
-        yield SimpleNamespace(campaign=read, prepare=lambda **changed: prepare(replace(read, **changed), run))
+    with crew(predict_condition, 1) as run:
+        yield SimpleNamespace(campaign=read, prepare=lambda **changed: prepare_problem(replace(read, **changed), run))
 
 
 def checked(made, factor, keys):
@@ -64,7 +64,7 @@ def checked(made, factor, keys):
     first = problem.predictions(problem.tasks(problem.start, asked))
     first = add_input_columns(problem, problem.start, first, inputs)
     system = System(Data.begin(problem, first).blocks(first))
-    known = nuisances(problem, system.names, problem.start)
+    known = nuisance_priors(problem, system.names, problem.start)
     out = {}
     for cell, total in ((True, None), (False, system.total(lambda block: not block.label.endswith(".csv")))):
         checks = {c.input.key: c for c in check_inputs(system, known, total, inputs)}
@@ -85,7 +85,7 @@ def problem_of(case, tmp_path, view="profile", emissivity=None):
     T = np.full((1, len(v), 5), 25.0)
     Recording(view, T, np.array([0.5]), np.array([1]), u, v, **known).save(tmp_path / "a.nc")
     (tmp_path / "campaign.toml").write_text('free = ["friction.mu"]\ncandidates = []\n[[recording]]\nfile = "a.nc"\n')
-    return prepare(campaign.load(tmp_path), list)
+    return prepare_problem(campaign.load(tmp_path), list)
 
 
 EXEMPT = {  # physical keys of the two cases that are no measured inputs, with the word that says why
@@ -222,7 +222,7 @@ def columns(made):
     [task] = problem.tasks(problem.start, asked)
     task = replace(task, pins=task.pins | {"numerics.mesh": 0.4})
     fine = replace(task, pins=task.pins | {"numerics.rtol": 1e-6}, derivatives=Derivatives())
-    return SimpleNamespace(seen=predict(task), fine=fine, still=predict(fine))
+    return SimpleNamespace(seen=predict_condition(task), fine=fine, still=predict_condition(fine))
 
 
 @pytest.mark.parametrize("key", COMPARED)
@@ -235,7 +235,7 @@ def test_columns_agree_with_differences_of_whole_runs(columns, key):
     )
     moved = case.with_values({key: float(value)})
     given = {k: v for k, v in columns.fine.given.items() if k != key}
-    run = predict(replace(columns.fine, case=moved, given=given))
+    run = predict_condition(replace(columns.fine, case=moved, given=given))
     for file, now in columns.still.observables.items():
         column, other = columns.seen.observables[file].columns[ParameterId.of_input(key)], run.observables[file]
         change = (other.values - now.values) / step

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flashtemp.discovery.deviations import with_scatter
+from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter
 from flashtemp.model import numerics
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import assemble
@@ -294,7 +294,7 @@ def test_any_moment_may_be_asked_for():
 def late(given, repetition=2, size=1e-2):
     plain = scene(given)
     since = next(p.begin for p in plain.schedule.phases if p.repetition == repetition)
-    other = with_scatter(plain, repetition, size)
+    other = add_friction_scatter(plain, repetition, size)
     moves = {"whole": Move(other, size), "since": Move(other, size, since)}
     return since, explore(plain, asked(given), moves, "", moments(given), True)
 

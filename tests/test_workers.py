@@ -16,9 +16,9 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.discovery.hypothesis import Model, candidates
+from flashtemp.discovery.hypotheses.candidates import Model, candidates
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction import Derivatives, Force, Prediction, Task, predict
+from flashtemp.discovery.prediction.prediction import Derivatives, Force, Prediction, Task, predict_condition
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.model.case import load
 from flashtemp.physics.effect import find
@@ -105,7 +105,7 @@ def same(one, other):
 
 
 def test_one_worker_and_two_agree(tasks):
-    with crew(predict, 1) as alone, crew(predict, 2) as both:
+    with crew(predict_condition, 1) as alone, crew(predict_condition, 2) as both:
         answers = list(zip(alone(tasks), both(tasks), strict=True))
     for one, other in (answers[0], answers[2]):
         assert isinstance(one, Prediction)
@@ -141,7 +141,7 @@ def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_p
     assert (fan.strengths, left) == ({"share": 0.1}, {})
     asked = Derivatives((MU,), candidates=(fan,))
     (tmp_path / "fan.py").unlink()
-    with crew(predict, 2) as run:
+    with crew(predict_condition, 2) as run:
         [found] = run([replace(tasks[0], case=case, derivatives=asked)])
     assert isinstance(found, Prediction), found
     columns = found.observables["mu.csv"].columns
@@ -279,7 +279,7 @@ def test_a_worker_of_a_real_cluster_is_killed(tasks):
             os.kill(victim, signal.SIGKILL)
             killed.set()
 
-        with crew(predict, None, cluster.scheduler_address) as run, crew(predict, 1) as alone:
+        with crew(predict_condition, None, cluster.scheduler_address) as run, crew(predict_condition, 1) as alone:
             run(asked[:2])  # the workers have begun
             threading.Timer(0.3, kill).start()
             answers = run(asked)

@@ -16,8 +16,8 @@ from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
 from flashtemp.discovery import engine, experiment_design
 from flashtemp.discovery.experiment_design import Outlook
-from flashtemp.discovery.prediction import predict
-from flashtemp.discovery.problem import prepare
+from flashtemp.discovery.prediction.prediction import predict_condition
+from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.verdict import Verdict
 from flashtemp.model.case import Case
 from flashtemp.runs.folders import wanted
@@ -101,8 +101,8 @@ def plan(
     """
     loaded = campaign_of(campaign, planned=True)
     with wanted(out) as work:
-        with crew(predict, workers, scheduler) as run:
-            outlook = experiment_design.plan(prepare(loaded, run), say)
+        with crew(predict_condition, workers, scheduler) as run:
+            outlook = experiment_design.plan(prepare_problem(loaded, run), say)
         if work is not None:
             write_json(outlook.as_dict(), work / "plan.json")
             with drawing(outlook, out or work, "separability.png", AGAIN):

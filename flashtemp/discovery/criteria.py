@@ -2,7 +2,7 @@
 
 `docs/discovery_criteria.md` is generated from this table.  Numbers of the numerical methods (trust region, alignment of
 images) and prior uncertainties of inputs and cameras are no criteria: they stand with their methods and in
-`hypotheses/input_kinds.py`, `camera/camera_classes.py` and `nuisances.py`.
+`hypotheses/input_kinds.py`, `camera/camera_classes.py` and `estimation/nuisance_priors.py`.
 """
 
 from __future__ import annotations

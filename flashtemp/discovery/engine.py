@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from flashtemp.comparison.campaign import Campaign
-from flashtemp.discovery import experiment_design, missing_heat
-from flashtemp.discovery.camera_sizes import camera_sizes
+from flashtemp.discovery import experiment_design
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import Alternative, Decision, Evidence, decide
-from flashtemp.discovery.diagnostics import description, verdict_sentences
+from flashtemp.discovery.diagnostics import description, missing_heat, verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, residual_structure_tests
+from flashtemp.discovery.diagnostics.camera_error_sizes import unusual_camera_errors
 from flashtemp.discovery.diagnostics.cross_validation import (
     CrossValidation,
     cross_validate,
@@ -25,16 +25,18 @@ from flashtemp.discovery.diagnostics.cross_validation import (
 )
 from flashtemp.discovery.diagnostics.effect_size import LargestChange, largest_change
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
+from flashtemp.discovery.diagnostics.input_checks import InputCheck, InputVerdict, check_inputs, groups_of_inputs
+from flashtemp.discovery.diagnostics.input_columns import add_input_columns
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, setup_errors
+from flashtemp.discovery.diagnostics.stated_inputs import stated_inputs
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch
 from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
-from flashtemp.discovery.first_residuals import reject_outliers
-from flashtemp.discovery.hypotheses.input_checks import InputCheck, InputVerdict, check_inputs, groups_of_inputs
-from flashtemp.discovery.hypotheses.input_columns import add_input_columns
-from flashtemp.discovery.hypotheses.stated_inputs import stated_inputs
+from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
+from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
+from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, identify_law
-from flashtemp.discovery.linear_gaussian import System
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
     RecordingError,
@@ -42,14 +44,12 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_recording_errors,
     find_schedule_errors,
 )
-from flashtemp.discovery.nuisances import everything
 from flashtemp.discovery.parameters import Kind
-from flashtemp.discovery.prediction import Derivatives, Prediction, predict
-from flashtemp.discovery.problem import Problem, prepare
+from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, predict_condition
+from flashtemp.discovery.prediction.problem import Problem, prepare_problem
 from flashtemp.discovery.selection.forward_selection import Search, names_of, select, settle, with_candidates
 from flashtemp.discovery.selection.scores import separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Found, Held, InputResult, RuleResult, Verdict
-from flashtemp.discovery.whitening import Data
 from flashtemp.errors import SolverFailure
 from flashtemp.runs.workers import crew
 
@@ -78,8 +78,8 @@ def discover(
 ) -> tuple[Verdict, Search]:
     """Everything: calibrate, select, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _with_time_left(watch)
-    with crew(predict, workers, scheduler) as run:
-        problem = prepare(campaign, run)
+    with crew(predict_condition, workers, scheduler) as run:
+        problem = prepare_problem(campaign, run)
         problem, errors, first = correct(problem, watch)
         problem, data, base = calibrate(problem, first, watch)
         search = replace(select(problem, data, base, watch), recording_errors=errors)
@@ -108,7 +108,7 @@ def correct(problem: Problem, watch: Watch) -> tuple[Problem, tuple[RecordingErr
 
 
 def _first_predictions(problem: Problem) -> list[Prediction]:
-    return problem.predictions(problem.tasks(problem.start, replace(everything(problem), fields=True)))
+    return problem.predictions(problem.tasks(problem.start, replace(all_derivatives(problem), fields=True)))
 
 
 def calibrate(problem: Problem, first: list[Prediction], watch: Watch) -> tuple[Problem, Data, Fit]:
@@ -116,7 +116,7 @@ def calibrate(problem: Problem, first: list[Prediction], watch: Watch) -> tuple[
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
     data = Data.begin(problem, first, coarser_predictions(problem))
-    tasks = problem.tasks(problem.start, replace(everything(problem), fields=True))
+    tasks = problem.tasks(problem.start, replace(all_derivatives(problem), fields=True))
     start = Linearisation(problem.start, tuple(tasks), tuple(first), System(data.blocks(first)))
     watch("calibrating the stated model")
     base = settle(Hypothesis(problem, data, problem.start), start, watch)
@@ -328,7 +328,7 @@ def describe(
         nuisance=description.calibrated_parameters(search, final),
         tests=(*residual_structure_tests(base.known, 1, "before"),
                *(residual_structure_tests(extended.known, 2, "after") if causes else ())),
-        missing=missing_heat.missing(problem, search.base),
+        missing=missing_heat.estimate_missing_heat(problem, search.base),
         separability=(tuple(separable.names[i] for i in order), separable.rho[np.ix_(order, order)]),
         shifts=_parameter_shifts(search, base.known, final) if causes else (),
         before=base.seeings,
@@ -395,7 +395,7 @@ def _next_experiment(search: Search, group: tuple[str, ...]) -> str:
     if not group or not all(name in search.problem.case.known for name in group):
         return ""
     fit = with_candidates(search.problem, search.data, search.best, search.problem.tried, lambda text: None)
-    return experiment_design.advise(search.problem, fit, group)
+    return experiment_design.suggest_experiment(search.problem, fit, group)
 
 
 def _parameter_shifts(search: Search, base: Fit, final: Fit) -> tuple[tuple[str, float, float, float], ...]:
@@ -434,7 +434,7 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     problem = search.problem
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
     out += [verdict_sentences.describe_assumed_optics(file, names) for file, names in problem.untold.items()]
-    out += camera_sizes(search.data, final)
+    out += unusual_camera_errors(search.data, final)
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:
             out.append(

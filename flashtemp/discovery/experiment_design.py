@@ -18,20 +18,20 @@ from flashtemp.camera import synthetic
 from flashtemp.comparison.campaign import Condition, View
 from flashtemp.comparison.compare import levels
 from flashtemp.comparison.noise import Noise
-from flashtemp.discovery import sensor_places
-from flashtemp.discovery.camera_errors import USUAL
+from flashtemp.discovery import sensor_positions
+from flashtemp.discovery.estimation.camera_error_columns import USUAL
 from flashtemp.discovery.estimation.fitting import Watch
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
+from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
-from flashtemp.discovery.floor import MIDDLE
-from flashtemp.discovery.hypothesis import Candidate, Model
-from flashtemp.discovery.linear_gaussian import System
-from flashtemp.discovery.nuisances import MODES, nuisances
+from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
+from flashtemp.discovery.estimation.nuisance_priors import MODES, nuisance_priors
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Candidate, Model
 from flashtemp.discovery.parameters import ParameterId, Priors
-from flashtemp.discovery.prediction import Derivatives, Prediction, Task
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, Task
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.scores import NOTHING, Separability, separability
-from flashtemp.discovery.whitening import Data
 from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.showing import Sheet, Shown
@@ -50,7 +50,7 @@ ADDED: tuple[tuple[str, str, float, float], ...] = (  # words, key, factor or di
 
 
 @dataclass(frozen=True)
-class Prospect:
+class Detectability:
     """What planned data would say of one effect: `z` of its typical strength beside all nuisances, `z_left` beside
     all rivals too, `detectable` strength at 5 sigma in `unit`, and the `nearest` rival with correlation `rho`."""
 
@@ -83,7 +83,7 @@ class Outlook(Shown):
     """Everything that can be said before measuring; `experiments` the most useful first."""
 
     title: str
-    prospects: tuple[Prospect, ...]
+    prospects: tuple[Detectability, ...]
     separability: Separability
     experiments: tuple[Experiment, ...]
     sensors: tuple[Experiment, ...] = ()
@@ -146,15 +146,16 @@ def plan(problem: Problem, watch: Watch = lambda text: None) -> Outlook:
     watch(f"what a further condition or sensor would tell ({gone:.0f} s, about {left:.0f} s left)")
     added = experiments(problem, fit, weak) if weak else ()
     known = [p.effect for p in prospects if p.z > NOTHING]
-    return Outlook(problem.campaign.title, prospects, separable, added, sensors(problem, fit, weak or known))
+    places = rank_sensor_positions(problem, fit, weak or known)
+    return Outlook(problem.campaign.title, prospects, separable, added, places)
 
 
-def sensors(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
+def rank_sensor_positions(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment, ...]:
     """One more thermocouple at every place of a grid in the block of the first condition, the most useful first.
 
     Only where the campaign has thermocouples; ranked by what each leaves of the worst-known of some effects.
     """
-    views = sensor_places.views(problem)
+    views = sensor_positions.candidate_sensor_recordings(problem)
     if not views or not effects:
         return ()
     task = Task(
@@ -170,7 +171,7 @@ def sensors(problem: Problem, fit: Fit, effects: list[str]) -> tuple[Experiment,
     return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 
 
-def advise(problem: Problem, fit: Fit, alike: tuple[str, ...]) -> str:
+def suggest_experiment(problem: Problem, fit: Fit, alike: tuple[str, ...]) -> str:
     """The experiment that would separate effects which explain the same data equally well, in words."""
     found = experiments(problem, fit, list(alike))
     if not found:
@@ -201,7 +202,7 @@ def _wider(problem: Problem, fit: Fit, task: Task, prediction: Prediction) -> Fi
     data = Data.begin(more, [prediction], noises=_noises(more))
     system = System([*fit.blocks, *data.blocks([prediction], first=len(problem.conditions))])
     fresh = [p for p in system.names if p not in fit.system.index]
-    return replace(fit, system=system, priors=fit.priors | nuisances(more, fresh, fit.model))
+    return replace(fit, system=system, priors=fit.priors | nuisance_priors(more, fresh, fit.model))
 
 
 def _everything(problem: Problem) -> Derivatives:
@@ -219,8 +220,8 @@ def _noises(problem: Problem) -> dict[str, Noise]:
 def _blank_fit(problem: Problem, model: Model, predictions: list[Prediction]) -> Fit:
     """A fit of nothing: priors and products only."""
     system = System(Data.begin(problem, predictions, noises=_noises(problem)).blocks(predictions))
-    priors = nuisances(problem, system.names, model)
-    usual = Hyperparameters(1.0, MIDDLE, USUAL)
+    priors = nuisance_priors(problem, system.names, model)
+    usual = Hyperparameters(1.0, TYPICAL_DISCREPANCY, USUAL)
     return Fit(model, tuple(predictions), system, system.solve(priors), priors, usual, Status.CONVERGED)
 
 
@@ -244,7 +245,7 @@ def _left(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float]:
     return out
 
 
-def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Prospect, ...]:
+def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Detectability, ...]:
     left = _left(problem, fit, list(separable.names))
     by_name: dict[str, Candidate] = {c.effect: c for c in problem.tried}
     out = []
@@ -254,7 +255,7 @@ def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Pro
         nearest, rho = separable.nearest(effect)
         size = SURE * abs(a) / z if z > NOTHING else float("inf")
         unit = c.params[k].unit
-        out.append(Prospect(effect, str(c.column(k)), unit, z, left.get(effect, 0.0), size, nearest, rho))
+        out.append(Detectability(effect, str(c.column(k)), unit, z, left.get(effect, 0.0), size, nearest, rho))
     return tuple(sorted(out, key=lambda p: -p.z_left))
 
 

@@ -17,18 +17,18 @@ from flashtemp.discovery.diagnostics.cross_validation import cross_validate
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.linear_gaussian import Array, System
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Candidate, candidates
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
 from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME, PiecewiseLinearLaw, candidate_laws
-from flashtemp.discovery.hypothesis import Candidate, candidates
-from flashtemp.discovery.linear_gaussian import Array, System
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Derivatives, Prediction
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Derivatives, Prediction
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import Search, settle, with_candidates
 from flashtemp.discovery.selection.scores import scores, worth_another_look
 from flashtemp.discovery.verdict import LearnedLaw
-from flashtemp.discovery.whitening import Data
 from flashtemp.errors import SolverFailure
 
 # Prior standard deviation of a law at its nodes, in units of the typical size of its quantity; evidence chooses one.

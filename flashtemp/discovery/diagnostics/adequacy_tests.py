@@ -11,12 +11,12 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.noise import lag_one, over_frames
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.decision import AdequacyTest
+from flashtemp.discovery.estimation.linear_gaussian import Array, Block, residual
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, is_camera_gain, unnamed_heat
 from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.linear_gaussian import Array, Block, residual
-from flashtemp.discovery.nuisances import GROUPS, MODE, is_camera_gain, unnamed_heat
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import Test
 
 SIMULATED = 99  # noise-only data sets per block

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flashtemp.discovery.estimation.linear_gaussian import Array, Block, Solution, System, residual
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.linear_gaussian import Array, Block, Solution, System, residual
-from flashtemp.discovery.nuisances import plain
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
+from flashtemp.discovery.estimation.whitening import Data
 
 HELD_OUT = "held out"  # name of the fold of recordings and traces that are marked so
 MAX_PULL = 3.0  # prior standard deviations that a model may be bent by to be called the model as people know it
@@ -39,7 +39,7 @@ def without_flexible_terms(fit: Fit) -> Fit:
 
     Nothing may go farther than MAX_PULL standard deviations from what was known, however badly the model fits.
     """
-    priors = plain(fit.priors) | fit.effects
+    priors = rigid_priors(fit.priors) | fit.effects
     solution = fit.system.bounded(priors, MAX_PULL, fit.equations)
     return replace(fit, priors=priors, solution=fit.system.completed(solution, priors))
 

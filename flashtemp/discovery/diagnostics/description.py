@@ -15,11 +15,12 @@ from flashtemp.discovery.diagnostics.adequacy_tests import (
 )
 from flashtemp.discovery.diagnostics.cross_validation import CrossValidation
 from flashtemp.discovery.diagnostics.verdict_sentences import NUISANCE_WORDS, describe_nuisance
+from flashtemp.discovery.estimation.linear_gaussian import Array, Block, Solution, predicted_change
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, is_camera_gain
 from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.hypothesis import declaration
-from flashtemp.discovery.linear_gaussian import Array, Block, Solution, change
-from flashtemp.discovery.nuisances import GROUPS, is_camera_gain
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import parameter_spec
 from flashtemp.discovery.parameters import (
     BEADS,
     OF_THE_CAMERA,
@@ -28,11 +29,10 @@ from flashtemp.discovery.parameters import (
     Kind,
     ParameterId,
 )
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import Search
 from flashtemp.discovery.selection.scores import Score, Separability, separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Pull, Rival
-from flashtemp.discovery.whitening import Data
 
 STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
 
@@ -61,7 +61,7 @@ def compare_all_recordings(search: Search, fit: Fit) -> tuple[tuple[Seeing, ...]
 
 def _change(data: Data, fit: Fit, block: Block) -> Array:
     """What the fit adds to an observable, (frames, pixels inside) or (n,)."""
-    return data.kelvin(block.label, change(block, fit.solution))
+    return data.kelvin(block.label, predicted_change(block, fit.solution))
 
 
 def _sd(solution: Solution, p: ParameterId) -> float:
@@ -191,7 +191,7 @@ def calibrated_parameters(search: Search, fit: Fit) -> tuple[Pull, ...]:
 
 
 def _unit(search: Search, key: str) -> str:
-    return declaration(search.problem.case, key).unit
+    return parameter_spec(search.problem.case, key).unit
 
 
 def assumed_priors(problem: Problem) -> dict[str, float]:

@@ -9,9 +9,9 @@ import numpy as np
 from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
-from flashtemp.discovery.nuisances import GROUPS
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS
+from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.parameters import Kind
-from flashtemp.discovery.whitening import Data
 
 
 @dataclass(frozen=True)

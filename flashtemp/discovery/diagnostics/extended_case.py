@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
-from flashtemp.discovery.hypothesis import Model
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import Verdict
 
 

@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flashtemp.discovery.criteria import Criteria
+from flashtemp.discovery.diagnostics.setup_error_words import UNITS, describe_error, error_name
+from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
+from flashtemp.discovery.estimation.linear_gaussian import Array, System
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.floor import LARGEST
-from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
-from flashtemp.discovery.laboratory import UNITS, name, words
-from flashtemp.discovery.linear_gaussian import Array, System
-from flashtemp.discovery.nuisances import GROUPS
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS
+from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.prediction.problem import Problem
 
 MAX_ALTERNATIVES = 3  # that a sentence lists
 
@@ -86,7 +86,7 @@ def setup_errors(
     `with_inputs`: the system of the fit with columns of all stated inputs.
     """
     known = {i.parameter: i for i in inputs}
-    system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST))
+    system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST_DISCREPANCY))
     if system is None or largest is None:
         return ()
     sets = _stepwise(system, criteria.ln_bayes_named)
@@ -152,7 +152,7 @@ def _alternatives(
         if instead and len(instead) == fewest:
             values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
             called = [_called(problem, known, system.names[q], values[q]) for q in instead]
-            out.append((called[0][0], " and ".join(words for _, words in called)))
+            out.append((called[0][0], " and ".join(describe_error for _, describe_error in called)))
     return tuple(out[:MAX_ALTERNATIVES])
 
 
@@ -191,7 +191,7 @@ def _called(
 ) -> tuple[str, str]:
     """Name and words of an error."""
     if p not in known:
-        return name(p), words(problem, p, value)
+        return error_name(p), describe_error(problem, p, value)
     i = known[p]
     found = i.value * float(np.exp(value)) if i.relative else i.value + value
     unit = "" if i.unit == "1" else f" {i.unit}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
-from flashtemp.discovery.problem import UNSAID
+from flashtemp.discovery.prediction.problem import UNSAID
 from flashtemp.discovery.verdict import Cause, Estimate, Held, InputResult, LearnedLaw, RuleResult, Verdict
 from flashtemp.physics.effect import Effect
 

@@ -22,14 +22,14 @@ from flashtemp.discovery.estimation.image_alignment import (
     moved_images,
     objective,
 )
+from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
 from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, POOR_RATIO, Quadratic, TrustRegion
-from flashtemp.discovery.hypothesis import Candidate, Model, declaration
-from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Candidate, Model, parameter_spec
 from flashtemp.discovery.parameters import Kind, ParameterId, Priors
-from flashtemp.discovery.prediction import Derivatives, Prediction, Task
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, Task
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_EVALUATIONS = 10  # simulations of the campaign in one fit
@@ -285,7 +285,7 @@ def _limits(h: Hypothesis, p: ParameterId, model: Model) -> tuple[float, float]:
         low = param.low + (1e-3 * abs(param.value) if param.open_low else 0.0)
         return min(low - value, 0.0), max(param.high - value, 0.0)
     if p.kind is Kind.KEY:
-        param, case = declaration(h.problem.case, p.name), h.problem.case
+        param, case = parameter_spec(h.problem.case, p.name), h.problem.case
         now = case[p.name] * np.exp(model.free.get(p.name, 0.0))
         low = np.log(param.low / now) if param.low > 0.0 else -np.inf
         return min(low, 0.0), max(float(np.log(param.high / now)), 0.0)

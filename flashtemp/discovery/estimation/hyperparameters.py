@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flashtemp.discovery.camera_errors import NONE
-from flashtemp.discovery.floor import LARGEST, LEAST
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
-from flashtemp.discovery.nuisances import is_camera_gain, nuisances, rescaled
+from flashtemp.discovery.estimation.camera_error_columns import NONE
+from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
+from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, nuisance_priors, scale_priors
+from flashtemp.discovery.estimation.prior_widths import COSTS, likeliest_widths
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, Priors
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.scales import COSTS, likeliest_widths
+from flashtemp.discovery.prediction.problem import Problem
 
 MAX_SWEEPS = 6  # over noise variances and sizes in turn
 VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the sweeps end
@@ -50,13 +50,14 @@ class Estimated:
 
 def estimate(
     problem: Problem, system: System, model: Model, more: Priors, *, variances: Mapping[str, float] | None = None,
-    equations: NormalEquations | None = None, discrepancies: tuple[float, ...] = (LARGEST, LEAST),
+    equations: NormalEquations | None = None,
+    discrepancies: tuple[float, ...] = (LARGEST_DISCREPANCY, LEAST_DISCREPANCY),
 ) -> Estimated:  # fmt: skip
     """Nuisances as seen from a point, and `more` unknowns, at the hyperparameters of largest evidence.
 
     With `variances` the noise stays as it is; `equations` are then those of the system with them, if they are known.
     """
-    plain = nuisances(problem, system.names, model)
+    plain = nuisance_priors(problem, system.names, model)
     if variances is not None:
         asked = equations or system.total(variances=variances)
         return _estimate(system, plain, more, asked, variances, discrepancies, problem)
@@ -85,7 +86,7 @@ def _estimate(
     discrepancies: tuple[float, ...], problem: Problem,
 ) -> Estimated:  # fmt: skip
     best = likeliest_widths(system, plain | more, more, equations, discrepancies)
-    priors = rescaled(plain, best.scale, best.floor, best.families) | more
+    priors = scale_priors(plain, best.scale, best.floor, best.families) | more
     solution = system.completed(system.solve(priors, equations), priors)
     families = {p.kind for p in priors if p.kind in OF_THE_CAMERA or is_camera_gain(p)}
     # a larger variance of n data costs n/2 of its logarithm: the normalisation of their normal distribution
@@ -96,5 +97,5 @@ def _estimate(
 
 def at_hyperparameters(problem: Problem, system: System, model: Model, hyper: Hyperparameters, more: Priors) -> Priors:
     """Priors of the nuisances as seen from a point, and of `more`, at given hyperparameters."""
-    plain = nuisances(problem, system.names, model)
-    return rescaled(plain, hyper.scale, hyper.discrepancy, hyper.families) | more
+    plain = nuisance_priors(problem, system.names, model)
+    return scale_priors(plain, hyper.scale, hyper.discrepancy, hyper.families) | more

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, at_hyperparameters
+from flashtemp.discovery.estimation.linear_gaussian import Array, System
+from flashtemp.discovery.estimation.nuisance_priors import nuisance_priors
 from flashtemp.discovery.estimation.trust_region import Quadratic, TrustRegion
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import Array, System
-from flashtemp.discovery.nuisances import nuisances
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import BEADS, PLACED, SHIFTS, Kind, ParameterId, Priors
-from flashtemp.discovery.prediction import LAG, Prediction, Task, observe_again
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.prediction.prediction import LAG, Prediction, Task, observe_again
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
@@ -116,7 +116,7 @@ def _image_prior(problem: Problem, at: Linearisation, images: tuple[ParameterId,
     """Means (k,), as seen from a point, and precision (k, k) of images' parameters: each its own error, and one that
     all images of a view share."""
     views = {v.file: v.recording.view for v in problem.campaign.views}
-    priors = nuisances(problem, at.system.names, at.model)
+    priors = nuisance_priors(problem, at.system.names, at.model)
     mean, sd = (np.array([priors[p][i] for p in images]) for i in (0, 1))
     covariance = np.diag(sd**2)
     for p in priors:

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, estimate
-from flashtemp.discovery.floor import LARGEST
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.estimation.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import ParameterId, Priors
-from flashtemp.discovery.prediction import Prediction
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Prediction
+from flashtemp.discovery.prediction.problem import Problem
 
 
 class Status(StrEnum):
@@ -107,6 +107,6 @@ class Fit:
     def at_largest(self, problem: Problem, more: Priors) -> float:
         """ln evidence with these priors where the model's own error may be as large as it ever is."""
         found = estimate(
-            problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST,)
+            problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST_DISCREPANCY,)
         )
         return found.solution.ln_evidence

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flashtemp.discovery.estimation.linear_gaussian import Array, Block, Solution
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
-from flashtemp.discovery.linear_gaussian import Array, Block, Solution
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import OwnValue
 
 

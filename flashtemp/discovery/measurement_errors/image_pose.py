@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from flashtemp.camera.placement import AS_TOLD, Place, corner, pivot
 from flashtemp.camera.recording import Recording
-from flashtemp.discovery.hypothesis import PRIORS, Model
-from flashtemp.discovery.nuisances import GROUPS, astray
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, position_sd_px
+from flashtemp.discovery.hypotheses.candidates import PRIORS, Model
 from flashtemp.discovery.parameters import Kind
-from flashtemp.discovery.prediction import Observable
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Observable
+from flashtemp.discovery.prediction.problem import Problem
 
 Array = npt.NDArray[np.float64]
 # Factor by which unknown friction may change all rises: three standard deviations of its prior
@@ -130,5 +130,5 @@ class _MeanPicture:
     def residuals(self, z: Array) -> Array:
         """Differences in units of those in the stated pose (Birge's ratio), and pulls of the pose's priors."""
         pose = self.pose(z)
-        pulls = [s / astray(self.recording, pose.place, axis) for axis, s in enumerate(pose.shift)]
+        pulls = [s / position_sd_px(self.recording, pose.place, axis) for axis, s in enumerate(pose.shift)]
         return np.concatenate([self.difference(z) / self.noise, pulls, z[2:]])

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import (
     STATED_POSE,
     ImagePose,
@@ -22,9 +23,8 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     compare_fits,
     fit_at_pose,
 )
-from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.prediction import Prediction, Task
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Prediction, Task
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError
 
 
@@ -35,7 +35,7 @@ def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Prob
     problem that comes back is not the one given.
     """
     poses = {}
-    tasks = problem.tasks(problem.start, replace(everything(problem), fields=True))
+    tasks = problem.tasks(problem.start, replace(all_derivatives(problem), fields=True))
     for number, (condition, prediction) in enumerate(zip(problem.conditions, predictions, strict=True)):
         for view in condition.views:
             hypothesis = RecordingHypothesis(view, number)

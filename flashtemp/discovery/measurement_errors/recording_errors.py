@@ -20,6 +20,7 @@ from flashtemp.comparison.campaign import View
 from flashtemp.comparison.compare import check
 from flashtemp.comparison.noise import Noise
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     NO_COMPANIONS,
@@ -35,9 +36,8 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     predict_otherwise,
     resampled_images,
 )
-from flashtemp.discovery.nuisances import everything
-from flashtemp.discovery.prediction import Observable, Prediction, Task
-from flashtemp.discovery.problem import Problem, _pins
+from flashtemp.discovery.prediction.prediction import Observable, Prediction, Task
+from flashtemp.discovery.prediction.problem import Problem, _pins
 from flashtemp.errors import FlashtempError
 from flashtemp.model.scene import Scene
 
@@ -199,7 +199,7 @@ class _Search:
 
     @cached_property
     def tasks(self) -> list[Task]:
-        return self.problem.tasks(self.problem.start, replace(everything(self.problem), fields=True))
+        return self.problem.tasks(self.problem.start, replace(all_derivatives(self.problem), fields=True))
 
     @cached_property
     def entries(self) -> tuple[_Entry, ...]:

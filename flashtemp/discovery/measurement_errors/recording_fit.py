@@ -19,12 +19,19 @@ from flashtemp.comparison.noise import Noise
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.hyperparameters import Estimated, estimate
 from flashtemp.discovery.estimation.image_alignment import Linearisation, align_images
-from flashtemp.discovery.linear_gaussian import Block, System, products
+from flashtemp.discovery.estimation.linear_gaussian import Block, System, gram_matrices
+from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
-from flashtemp.discovery.prediction import Observable, Prediction, Single, Task, observe_again, packed
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.whitening import Data
+from flashtemp.discovery.prediction.prediction import (
+    Observable,
+    Prediction,
+    Single,
+    Task,
+    flatten_valid_pixels,
+    observe_again,
+)
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, FlashtempError
 
 Array = npt.NDArray[np.float64]
@@ -119,7 +126,7 @@ class RecordingFit:
         if keep.all():
             return self
         F = self.block.F[keep]
-        block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=products([F])[0])
+        block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=gram_matrices([F])[0])
         at = replace(self.at, system=System([block]))
         known = self.hypothesis.in_file_order(common)
         return replace(self, known=known, at=at, estimated=estimate(self.problem, at.system, at.model, {}))
@@ -320,7 +327,7 @@ def predict_otherwise(
         raise BadInput(f"{view.file}: nothing of it would be seen")
     masked = np.where(valid, view.recording.temperature, np.nan)
     view = replace(view, recording=replace(view.recording, temperature=masked))
-    own = {p: packed(np.nan_to_num(values), seen.inside) for p, values in columns.items()}
+    own = {p: flatten_valid_pixels(np.nan_to_num(values), seen.inside) for p, values in columns.items()}
     observable = replace(seen, columns=seen.columns | own)
     return replace(hypothesis, view=view), replace(prediction, observables={view.file: observable})
 

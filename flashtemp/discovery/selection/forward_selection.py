@@ -13,15 +13,15 @@ from dataclasses import dataclass, field, replace
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.hypothesis import Candidate
-from flashtemp.discovery.linear_gaussian import System
+from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Candidate
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.scores import Pair, Score, pairs, scores, worth_another_look
-from flashtemp.discovery.whitening import Data
 from flashtemp.errors import SolverFailure
 
 Names = frozenset[str]

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, Solution
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.hypothesis import Candidate
-from flashtemp.discovery.linear_gaussian import Array, NormalEquations, Solution
+from flashtemp.discovery.hypotheses.candidates import Candidate
 from flashtemp.discovery.parameters import ParameterId, Priors
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 
 NOTHING = 1e-3  # z of a signature of typical strength below which an effect does nothing here
 SEEN = 1.0  # z of a typical strength below which an effect is no partner of another

@@ -15,8 +15,8 @@ from enum import StrEnum
 import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
-from flashtemp.discovery.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
+from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, System
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
 CORRELATION_TOLD_TOGETHER = 0.9  # of columns that nuisances cannot absorb

@@ -23,18 +23,18 @@ OTHERWISE = 0.2
 SHARE = 0.01  # of an effect's typical strength: the step of its trace
 
 
-def prior(key: str) -> float:
+def prior_sd_of_key(key: str) -> float:
     """Relative standard deviation of a free key."""
     return PRIORS.get(key, OTHERWISE)
 
 
-def declaration(case: Case, key: str) -> Param:
+def parameter_spec(case: Case, key: str) -> Param:
     """What is declared of a key of a case."""
     table, name = key.rsplit(".", 1)
     return case.declared(table)[name]
 
 
-def within(param: Param, value: float) -> float:
+def clip_to_bounds(param: Param, value: float) -> float:
     """A value kept within the bounds of its parameter."""
     low = math.nextafter(param.low, math.inf) if param.open_low else param.low
     return float(min(max(value, low), param.high))
@@ -63,12 +63,12 @@ class Model:
         """Keys of the case that this point changes; values are kept within their bounds."""
         out: dict[str, Any] = {}
         for key, factor in self.free.items():
-            out[key] = within(declaration(case, key), case[key] * math.exp(factor))
+            out[key] = clip_to_bounds(parameter_spec(case, key), case[key] * math.exp(factor))
         if self.effects:
             out["effects"] = [*case.effects, *self.effects]
         for name, values in self.effects.items():
             params = case.known[name].params()
-            out |= {f"{name}.{k}": within(params[k], v) for k, v in values.items()}
+            out |= {f"{name}.{k}": clip_to_bounds(params[k], v) for k, v in values.items()}
         return out
 
     def value(self, p: ParameterId) -> float:
@@ -132,7 +132,7 @@ class Candidate:
         for k, value in self.shapes.items():
             spread = self.params[k].spread
             if spread > 1.0:
-                out += [self.shapes | {k: within(self.params[k], value * f)} for f in (1 / spread, spread)]
+                out += [self.shapes | {k: clip_to_bounds(self.params[k], value * f)} for f in (1 / spread, spread)]
         return tuple(out)
 
     def off(self, variant: int = 0) -> dict[str, float]:

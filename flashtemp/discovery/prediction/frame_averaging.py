@@ -15,7 +15,7 @@ MOST = 4_000_000  # pixels of all recordings of a campaign that are taken frame 
 SHARE = 0.2  # of the time to the nearest event: sqrt(t) is then near enough to a parabola, to 1e-4
 
 
-def condensed(campaign: Campaign) -> Campaign:
+def average_frames(campaign: Campaign) -> Campaign:
     """The campaign with means of neighbouring frames where its recordings hold more than MOST pixels.
 
     The rise after an event goes as the root of the time since, so over a share of that time a parabola says what the
@@ -29,7 +29,7 @@ def condensed(campaign: Campaign) -> Campaign:
 def _condensed(view: View, case: Case) -> View:
     r = view.recording
     begins = np.array([p.begin for p in case.scene.schedule.phases])
-    starts = groups(r.time, r.repetition, begins, case.scene.schedule.end)
+    starts = frame_groups(r.time, r.repetition, begins, case.scene.schedule.end)
     counts = np.diff([*starts, r.frames])
     means = np.stack([r.temperature[i : i + n].mean(axis=0) for i, n in zip(starts, counts, strict=True)])
     time = np.add.reduceat(r.time, starts) / counts
@@ -40,7 +40,7 @@ def _condensed(view: View, case: Case) -> View:
     return replace(view, recording=short, means=over)
 
 
-def groups(
+def frame_groups(
     time: npt.NDArray[np.float64], repetition: npt.NDArray[np.int_], begins: npt.NDArray[np.float64], end: float
 ) -> list[int]:
     """First frames of groups that last no longer than SHARE of the time to the nearest event.

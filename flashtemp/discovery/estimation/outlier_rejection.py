@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from flashtemp.camera.image_screening import flickering_lines, outlying_pixels, temporal_noise
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.floor import smooth_errors
-from flashtemp.discovery.nuisances import smooth_images
-from flashtemp.discovery.prediction import Observable, Prediction
-from flashtemp.discovery.problem import Problem, with_views
+from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
+from flashtemp.discovery.estimation.nuisance_priors import camera_smooth_basis
+from flashtemp.discovery.prediction.prediction import Observable, Prediction
+from flashtemp.discovery.prediction.problem import Problem, replace_views
 from flashtemp.showing import several
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ def calibrated_residual(view: View, seen: Observable) -> Array:
     """
     left: Array = np.where(seen.inside, view.recording.temperature - seen.values, np.nan)
     known = np.isfinite(left[:, seen.inside])
-    shapes = seen.columns | smooth_images(view, seen) | smooth_errors(view, seen)
+    shapes = seen.columns | camera_smooth_basis(view, seen) | discrepancy_basis(view, seen)
     columns = [c[known].astype(float) for c in shapes.values()]
     if view.recording.places is not None or not columns or known.sum() < 2 * len(columns):
         return left
@@ -65,4 +65,4 @@ def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
                 views.append(replace(view, recording=replace(view.recording, temperature=T)))
                 said = "left out " + ", ".join(several(n, what) for n, what in also if n)
                 found[view.file] = "; ".join(filter(None, (found.get(view.file, ""), said)))
-    return replace(with_views(problem, views), screening=found) if views else problem
+    return replace(replace_views(problem, views), screening=found) if views else problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 
 CALLED = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
 SIZES = {"block.length": "block_length", "block.width": "block_width"}
@@ -13,7 +13,7 @@ UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
 VIEWS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all profiles", "points": "all points"}
 
 
-def name(p: ParameterId) -> str:
+def error_name(p: ParameterId) -> str:
     """As a cause is called in files.
 
     >>> name(ParameterId(Kind.SCALE, file="wall.nc")), name(ParameterId(Kind.SIZE, name="block.length"))
@@ -22,7 +22,7 @@ def name(p: ParameterId) -> str:
     return SIZES[p.name] if p.kind is Kind.SIZE else CALLED[p.kind]
 
 
-def words(problem: Problem, p: ParameterId, value: float) -> str:
+def describe_error(problem: Problem, p: ParameterId, value: float) -> str:
     """An error in plain words; `value` relative, in rad or in s."""
     where = VIEWS.get(p.name, p.name) if p.name else p.file.rpartition("/")[2]
     if p.kind is Kind.SCALE:

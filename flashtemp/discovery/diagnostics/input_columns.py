@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from flashtemp.discovery.hypotheses.stated_inputs import StatedInput
-from flashtemp.discovery.hypothesis import Model
-from flashtemp.discovery.prediction import Derivatives, Observable, Prediction, Single
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
+from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Prediction, Single
+from flashtemp.discovery.prediction.problem import Problem
 
 COARSE_CELLS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
 

@@ -111,7 +111,7 @@ class Projection:
     raw: Array
 
 
-def products(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tuple[Array, Array]:
+def gram_matrices(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tuple[Array, Array]:
     """A^T A and B^T A in double precision, A the columns (n, ...) of `own` side by side and B those of `others`.
 
     By parts of the rows, each converted once: a copy of all of them would be much memory.
@@ -180,7 +180,7 @@ class System:
 
     def _products(self, block: Block) -> BlockEquations:
         k = block.C.shape[1]
-        square, cross = products([block.C, block.r], [block.F])
+        square, cross = gram_matrices([block.C, block.r], [block.F])
         G = np.block([[square[:k, :k], cross[:, :k].T], [cross[:, :k], block.FF]])
         right, col = np.concatenate([square[:k, k], cross[:, k]]), _columns(block)
         own = NormalEquations(G[np.ix_(col, col)], right[col], float(square[k, k]), block.count)
@@ -331,8 +331,8 @@ class Evidence:
         left[:-1, -1] = left[-1, :-1] = self.right[s]
         ln_det, squares = 0.0, self.square
         for k, group in enumerate(self.groups):
-            change, more = self._without(k, group, s, sd)
-            left, ln_det = left - change, ln_det + more
+            predicted_change, more = self._without(k, group, s, sd)
+            left, ln_det = left - predicted_change, ln_det + more
         left *= wide[:, None] * wide
         own = np.flatnonzero(sd > 0.0)
         squares += float(np.sum((self.mean[own] / sd[own]) ** 2)) + float(left[-1, -1])
@@ -392,7 +392,7 @@ def _whole(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -
 
 def _moved(equations: NormalEquations, block: Block) -> NormalEquations:
     """Normal equations with the residual that a block has now."""
-    square, cross = products([block.r], [block.C, block.F])
+    square, cross = gram_matrices([block.r], [block.C, block.F])
     return replace(equations, right=cross[_columns(block), 0], square=float(square[0, 0]))
 
 
@@ -401,7 +401,7 @@ def _columns(block: Block) -> npt.NDArray[np.int64]:
     return np.array([c for _, c in block.names], dtype=int)
 
 
-def change(block: Block, solution: Solution) -> Array:
+def predicted_change(block: Block, solution: Solution) -> Array:
     """What a solution adds to a block's prediction (n,), in sigma."""
     found = solution.as_dict()
     k = block.C.shape[1]
@@ -417,4 +417,4 @@ def change(block: Block, solution: Solution) -> Array:
 
 def residual(block: Block, solution: Solution) -> Array:
     """What is left of a block's data (n,), in sigma."""
-    return block.r - change(block, solution)
+    return block.r - predicted_change(block, solution)

@@ -20,8 +20,8 @@ from flashtemp.camera.recording import VIEWS, Recording
 from flashtemp.camera.wall import Face
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import check, grip, moments
-from flashtemp.discovery import thermocouples
-from flashtemp.discovery.deviations import with_mode, with_scatter
+from flashtemp.discovery.hypotheses.candidates import SHARE, Candidate, Model, parameter_spec
+from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter, add_pressure_mode
 from flashtemp.discovery.hypotheses.input_steps import (
     CAMERA_INPUTS,
     RUN_STEP,
@@ -29,8 +29,8 @@ from flashtemp.discovery.hypotheses.input_steps import (
     is_neighbour,
     stepped_cases,
 )
-from flashtemp.discovery.hypothesis import SHARE, Candidate, Model, declaration
 from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.discovery.prediction import sensor_parameters
 from flashtemp.model.case import Case
 from flashtemp.model.numerics import Settings
 from flashtemp.model.scene import Acting, Scene
@@ -139,7 +139,7 @@ class Point:
         return Acting(effect, self.case.known[effect](), SimpleNamespace(**values))
 
 
-def predict(task: Task) -> Prediction:
+def predict_condition(task: Task) -> Prediction:
     """Simulate a condition at a point with all derivatives asked for.  Raises BadInput, SolverFailure."""
     base = task.case.with_values(task.given | task.pins)
     case = task.model.on(base)
@@ -196,7 +196,7 @@ def _own(point: Point, p: ParameterId) -> Iterator[tuple[ParameterId, Move]]:
     model = point.task.model
     if p.kind is Kind.KEY:
         now = model.overrides(point.case).get(p.name, point.case[p.name])
-        step = -FREE if now * np.exp(FREE) > declaration(point.case, p.name).high else FREE
+        step = -FREE if now * np.exp(FREE) > parameter_spec(point.case, p.name).high else FREE
     elif point.case.known[p.effect].heat is not Effect.heat:
         step = point.step(p)
     else:
@@ -208,15 +208,15 @@ def _scatter(scene: Scene) -> Iterator[tuple[ParameterId, Move]]:
     """Friction of each repetition; nothing differs before it begins."""
     for r in range(2, scene.schedule.repetitions + 1):
         begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
-        yield ParameterId(Kind.SCATTER, (r,)), Move(with_scatter(scene, r, SCATTER), SCATTER, begin)
-    yield ParameterId(Kind.SCATTER, (1,)), Move(with_scatter(scene, 1, SCATTER), SCATTER)
+        yield ParameterId(Kind.SCATTER, (r,)), Move(add_friction_scatter(scene, r, SCATTER), SCATTER, begin)
+    yield ParameterId(Kind.SCATTER, (1,)), Move(add_friction_scatter(scene, 1, SCATTER), SCATTER)
 
 
 def _modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Move]]:
     for n in range(1, modes + 1):
-        yield ParameterId(Kind.MODE, (n,)), Move(with_mode(scene, n, MODE), MODE)
+        yield ParameterId(Kind.MODE, (n,)), Move(add_pressure_mode(scene, n, MODE), MODE)
         if trends and scene.schedule.repetitions > 1:
-            yield ParameterId(Kind.TREND, (n,)), Move(with_mode(scene, n, MODE, True), MODE)
+            yield ParameterId(Kind.TREND, (n,)), Move(add_pressure_mode(scene, n, MODE, True), MODE)
 
 
 def _sizes(point: Point) -> Iterator[tuple[ParameterId, Move]]:
@@ -290,7 +290,8 @@ def _view(
     point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move],
     other: Mapping[ParameterId, SeparateRun] = MappingProxyType({}),
 ) -> Observable:  # fmt: skip
-    recording, scene, asked = thermocouples.where(view, point.task.model), point.scene, point.task.derivatives
+    recording = sensor_parameters.place_sensors(view, point.task.model)
+    scene, asked = point.scene, point.task.derivatives
     shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
     ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
     walls = recording.view in ("sidewall", "wake") and not scene.resolved
@@ -313,7 +314,8 @@ def _view(
     columns: dict[ParameterId, Single] = {}
 
     def keep(name: ParameterId, change: Array) -> None:
-        columns[name] = packed(change, seen.inside)  # at once: all of them in double precision would be much memory
+        # at once: all of them in double precision would be much memory
+        columns[name] = flatten_valid_pixels(change, seen.inside)
 
     level = see(near.level) if moves else seen.temperature
     for name, move in moves.items():
@@ -328,7 +330,7 @@ def _view(
             keep(name, mean(change))
         if recording.places is not None:
             rise = seen.temperature - scene.ambient + KELVIN
-            for name, change in thermocouples.columns(see, recording, rise).items():
+            for name, change in sensor_parameters.sensor_columns(see, recording, rise).items():
                 keep(name, change)
         later = see(place=replace(place, clock=place.clock + LAG))
         keep(ParameterId(Kind.CLOCK), (later - seen.temperature) / LAG)
@@ -352,7 +354,7 @@ def _in_the_camera(
             yield p, _refined(point, see, p, plain)
 
 
-def packed(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
+def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
     """Images (frames, nv, nu) as (frames, pixels inside), in single precision."""
     return values[:, inside].astype(np.float32)
 

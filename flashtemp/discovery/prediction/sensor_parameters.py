@@ -11,14 +11,14 @@ import numpy.typing as npt
 from flashtemp.camera.points import Places
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import ALL, Kind, ParameterId
 
 Array = npt.NDArray[np.float64]
 AWAY = 0.25  # of what is known of a place, or a time constant: step of its derivative
 
 
-def columns(see: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
+def sensor_columns(see: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
     """What places (K/m), time constants (K/s) and gains (K) change: the `rise` (frames, 1, points) is over the air."""
     out: dict[ParameterId, Array] = {}
     places = recording.places
@@ -34,11 +34,11 @@ def columns(see: Callable[..., Array], recording: Recording, rise: Array) -> dic
             out[p] = of_one(i, (ahead - behind) / (2.0 * step))
     for i, name in enumerate(places.names):
         if places.gain_sigma[i] > 0:
-            out[gain_of(name, i)] = of_one(i, rise)
+            out[sensor_gain(name, i)] = of_one(i, rise)
     return out
 
 
-def where(view: View, model: Model) -> Recording:
+def place_sensors(view: View, model: Model) -> Recording:
     """The recording with its points where, and as slow as, the model has them."""
     places = view.recording.places
     if places is None or not model.beads:
@@ -49,7 +49,7 @@ def where(view: View, model: Model) -> Recording:
     return replace(view.recording, places=moved)
 
 
-def known(views: Iterable[View]) -> dict[ParameterId, float]:
+def sensor_priors(views: Iterable[View]) -> dict[ParameterId, float]:
     """Standard deviations of places (m), time constants (s) and gains of all points of recordings."""
     out: dict[ParameterId, float] = {}
     for v in views:
@@ -57,7 +57,7 @@ def known(views: Iterable[View]) -> dict[ParameterId, float]:
         if places is not None:
             out |= {p.within(ALL, v.file): sd for _, p, _, sd in _beads(places)}
             gains = zip(places.names, places.gain_sigma, strict=True)
-            out |= {gain_of(name, i).within(ALL, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
+            out |= {sensor_gain(name, i).within(ALL, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
     return out
 
 
@@ -82,6 +82,6 @@ def _of(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
     return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 
-def gain_of(name: str, number: int) -> ParameterId:
+def sensor_gain(name: str, number: int) -> ParameterId:
     """The gain of a point, likewise."""
     return _of(Kind.SENSOR, name, number)

@@ -12,14 +12,14 @@ import numpy.typing as npt
 from flashtemp.comparison.campaign import Force, View
 from flashtemp.comparison.compare import levels, scatter
 from flashtemp.comparison.noise import Noise, beyond_stated, noise, unwhiten, whiten
-from flashtemp.discovery.camera_errors import camera_columns
-from flashtemp.discovery.first_residuals import calibrated_residual
-from flashtemp.discovery.floor import smooth_errors
-from flashtemp.discovery.linear_gaussian import Array, Block, products
-from flashtemp.discovery.nuisances import GROUPS, smooth_images
+from flashtemp.discovery.estimation.camera_error_columns import camera_columns
+from flashtemp.discovery.estimation.linear_gaussian import Array, Block, gram_matrices
+from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS, camera_smooth_basis
+from flashtemp.discovery.estimation.outlier_rejection import calibrated_residual
 from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
-from flashtemp.discovery.prediction import Observable, Prediction, Single, packed
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.prediction import Observable, Prediction, Single, flatten_valid_pixels
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.solver.run import Run
 
@@ -70,7 +70,7 @@ class Data:
                 own |= _mesh(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, View):
                     rest = calibrated_residual(entry, seen)
-                    own |= smooth_images(entry, seen) | smooth_errors(entry, seen)
+                    own |= camera_smooth_basis(entry, seen) | discrepancy_basis(entry, seen)
                     own |= camera_columns(entry.recording, seen, rest, _speed(fine.run, entry.recording.time))
                     known = np.isfinite(_left(entry, seen)[:, seen.inside])
                     data.known[entry.file] = known & ~_starting(entry, fine.run)[:, None]
@@ -83,7 +83,7 @@ class Data:
                     good = data.known[entry.file] = seen.inside & np.isfinite(seen.values)
                     data.sigmas[entry.file] = entry.sigma or scatter((np.array(entry.mu) - seen.values)[good])
                 F = data._stack(entry, own)
-                data.fixed[entry.file] = Fixed(tuple(own), F, products([F])[0])
+                data.fixed[entry.file] = Fixed(tuple(own), F, gram_matrices([F])[0])
         return data
 
     def blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[Block]:
@@ -170,7 +170,7 @@ def _mesh(seen: Observable, rough: list[Observable]) -> dict[ParameterId, npt.ND
     out = {}
     for k, other in enumerate(rough):
         change = seen.values - other.values
-        out[ParameterId(Kind.MESH, (k,))] = packed(change, seen.inside) if change.ndim == 3 else change
+        out[ParameterId(Kind.MESH, (k,))] = flatten_valid_pixels(change, seen.inside) if change.ndim == 3 else change
     return out
 
 

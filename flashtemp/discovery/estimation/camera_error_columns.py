@@ -18,7 +18,7 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
 from flashtemp.camera.image_screening import shutter_events, temporal_noise
 from flashtemp.camera.recording import Recording
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Observable, Single, packed
+from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 Array = npt.NDArray[np.float64]
 ORDER = 4  # total order of Legendre products: vignetting by the fourth power of the cosine has no more
@@ -51,18 +51,18 @@ def camera_columns(
     ones = np.ones((1, *seen.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
     for k, wave in enumerate(_offsets(r, left, sizes)):
-        out[ParameterId(Kind.OFFSET, (k,))] = packed(wave[:, None, None] * ones, seen.inside)
+        out[ParameterId(Kind.OFFSET, (k,))] = flatten_valid_pixels(wave[:, None, None] * ones, seen.inside)
     rise = seen.values - _reflected(r, seen.values)
     ramp = ((r.time - r.time.mean()) / max(float(np.ptp(r.time)), 1e-12))[:, None, None]
     for (m, n), shape in smooth_maps(r, ORDER):
         if m + n:  # the constant one is the offset's, or the gain's
             flat = np.broadcast_to(sizes.map_K * shape, seen.values.shape)
-            out[ParameterId(Kind.STATIC, (m, n))] = packed(flat, seen.inside)
+            out[ParameterId(Kind.STATIC, (m, n))] = flatten_valid_pixels(flat, seen.inside)
             if m + n <= GROWING:
-                out[ParameterId(Kind.STATIC, (m, n, 1))] = packed(ramp * flat, seen.inside)
-            out[ParameterId(Kind.MAP, (m, n, 1))] = packed(rise * shape, seen.inside)
+                out[ParameterId(Kind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, seen.inside)
+            out[ParameterId(Kind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, seen.inside)
     for k, change in enumerate((*_smeared(r, seen, sizes, speed), *_stray_light(seen.values, sizes))):
-        out[ParameterId(Kind.OPTICS, (k,))] = packed(change, seen.inside)
+        out[ParameterId(Kind.OPTICS, (k,))] = flatten_valid_pixels(change, seen.inside)
     return out
 
 

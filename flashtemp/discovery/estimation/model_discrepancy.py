@@ -14,15 +14,15 @@ import numpy.typing as npt
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction import Observable, Single, packed
+from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 # of the rise, rms over a view: what discretisation and closures state (docs/verification.md); evidence chooses one
-LEAST, LARGEST = 1e-3, 3e-3
+LEAST_DISCREPANCY, LARGEST_DISCREPANCY = 1e-3, 3e-3
 ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
-MIDDLE = 2e-3  # by which pulls are judged
+TYPICAL_DISCREPANCY = 2e-3  # by which pulls are judged
 
 
-def smooth_errors(view: View, seen: Observable) -> dict[ParameterId, Single]:
+def discrepancy_basis(view: View, seen: Observable) -> dict[ParameterId, Single]:
     """Columns of a view: products of half waves along and up the image, in a repetition and over all, times the rise.
 
     Each is weighted so that a prior of one size for all is an error of that size (rms, relative), less for finer ones.
@@ -42,7 +42,7 @@ def smooth_errors(view: View, seen: Observable) -> dict[ParameterId, Single]:
     out = {}
     for (m, n, q, s), w in zip(found, weight, strict=True):
         wave = (w * inside[q] * between[s])[:, None, None] * y[n][:, None] * x[m]
-        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = packed(rise * wave, seen.inside)
+        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = flatten_valid_pixels(rise * wave, seen.inside)
     return out
 
 

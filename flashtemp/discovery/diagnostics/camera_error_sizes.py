@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from flashtemp.discovery.estimation.linear_gaussian import Block, predicted_change
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.linear_gaussian import Block, change
-from flashtemp.discovery.nuisances import is_camera_gain
+from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain
+from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, ParameterId
-from flashtemp.discovery.whitening import Data
 
 CALLED = {
     Kind.OFFSET: "offset in time",
@@ -21,7 +21,7 @@ CALLED = {
 TOLD_K = 5e-3  # rms below which an error of a camera is not worth a word
 
 
-def camera_sizes(data: Data, fit: Fit) -> tuple[str, ...]:
+def unusual_camera_errors(data: Data, fit: Fit) -> tuple[str, ...]:
     """One line for each recording in which a fit found errors of the camera, with their rms in K."""
     out = []
     for block in fit.blocks:
@@ -38,7 +38,7 @@ def _size(data: Data, fit: Fit, block: Block, kind: Kind) -> float:
     if not keep:
         return 0.0
     own = tuple((p, column) for p, column in block.names if p in keep)
-    values = data.kelvin(block.label, change(replace(block, names=own), fit.solution))
+    values = data.kelvin(block.label, predicted_change(replace(block, names=own), fit.solution))
     known = data.known[block.label]
     return float(np.sqrt(np.mean(values[known] ** 2)))
 

@@ -9,12 +9,12 @@ import numpy as np
 from flashtemp.camera import synthetic
 from flashtemp.camera.points import Places, of_arrays
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 
 UP, ALONG = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98), (0.1, 0.5, 0.9)  # of height and length
 
 
-def views(problem: Problem) -> list[View]:
+def candidate_sensor_recordings(problem: Problem) -> list[View]:
     """One blank recording for every place, named after it; none where the campaign has no thermocouples.
 
     Each is read, and its place known, like the first recording of points of the first condition.

@@ -12,10 +12,10 @@ from flashtemp.camera.placement import Place
 from flashtemp.comparison.campaign import Campaign, Condition, View
 from flashtemp.comparison.compare import window
 from flashtemp.comparison.screening import screen_campaign
-from flashtemp.discovery.condensing import condensed
-from flashtemp.discovery.hypothesis import Candidate, Model, candidates, prior
+from flashtemp.discovery.hypotheses.candidates import Candidate, Model, candidates, prior_sd_of_key
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction import Derivatives, Prediction, Task
+from flashtemp.discovery.prediction.frame_averaging import average_frames
+from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, Task
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model import layers
 from flashtemp.model.build import first_cells
@@ -74,13 +74,13 @@ class Problem:
 
     def predictions(self, tasks: list[Task]) -> list[Prediction]:
         """Answers to tasks, in order; a failure among them is raised."""
-        return [checked(answer) for answer in self.run(tasks)]
+        return [raise_if_error(answer) for answer in self.run(tasks)]
 
     @property
     def priors(self) -> dict[ParameterId, float]:
         """Standard deviation of the ln of every free key."""
         stated = self.campaign.priors
-        return {ParameterId.of_key(key): stated.get(key, prior(key)) for key in self.campaign.free}
+        return {ParameterId.of_key(key): stated.get(key, prior_sd_of_key(key)) for key in self.campaign.free}
 
     @property
     def free(self) -> tuple[ParameterId, ...]:
@@ -92,20 +92,20 @@ class Problem:
         return Model(dict.fromkeys(self.campaign.free, 0.0), shifts=self.shifts, places=self.places)
 
 
-def checked(answer: Prediction | FlashtempError) -> Prediction:
+def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
     """The answer itself unless it is a failure, which is raised."""
     if isinstance(answer, FlashtempError):
         raise answer
     return answer
 
 
-def prepare(campaign: Campaign, run: Run) -> Problem:
+def prepare_problem(campaign: Campaign, run: Run) -> Problem:
     """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
         raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
     untold = {v.file: missing for v in campaign.views if (missing := _untold(v))}
     campaign, screening = screen_campaign(campaign)
-    campaign = condensed(replace(campaign, views=tuple(map(_told, campaign.views))))
+    campaign = average_frames(replace(campaign, views=tuple(map(_told, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]
@@ -113,7 +113,7 @@ def prepare(campaign: Campaign, run: Run) -> Problem:
             raise BadInput(
                 f"{campaign.case}: {key}: {value!r} cannot be freed; give a number > 0, or leave it out of free"
             )
-        may_move(campaign, case, key)
+        check_free_key(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     tried, left = candidates(case, named)
     pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
@@ -135,7 +135,7 @@ def _told(view: View) -> View:
     return replace(view, recording=replace(view.recording, **usual)) if usual else view
 
 
-def may_move(campaign: Campaign, case: Case, key: str) -> None:
+def check_free_key(campaign: Campaign, case: Case, key: str) -> None:
     """BadInput unless a key can move while mesh and schedule stay."""
     pins = first_cells(case.scene, case.values["numerics"])
     scene, moved = case.with_values(pins).scene, case.with_values(pins | {key: case[key] * 0.99}).scene
@@ -165,7 +165,7 @@ def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> d
     )
 
 
-def with_views(problem: Problem, turned: Sequence[View]) -> Problem:
+def replace_views(problem: Problem, turned: Sequence[View]) -> Problem:
     """The problem with other images of some recordings."""
     by_file = {v.file: v for v in turned}
 

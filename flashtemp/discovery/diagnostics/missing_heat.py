@@ -8,16 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Condition
+from flashtemp.discovery.estimation.linear_gaussian import Array, Solution
 from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.linear_gaussian import Array, Solution
-from flashtemp.discovery.nuisances import MODE, unnamed_heat
+from flashtemp.discovery.estimation.nuisance_priors import MODE, unnamed_heat
 from flashtemp.discovery.parameters import Kind
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import Missing
 from flashtemp.solver.run import Run
 
 
-def missing(problem: Problem, fit: Fit) -> tuple[Missing, ...]:
+def estimate_missing_heat(problem: Problem, fit: Fit) -> tuple[Missing, ...]:
     """Heat and pressure along the contact that the model lacks: regularised inversion for cosines along the block."""
     found = fit.solved(problem, fit.effects | unnamed_heat(fit.system.names))
     out = []

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.discovery.camera_errors import FAMILIES, NONE, USUAL
-from flashtemp.discovery.linear_gaussian import Array, NormalEquations, System
-from flashtemp.discovery.nuisances import factors, is_camera_gain
+from flashtemp.discovery.estimation.camera_error_columns import FAMILIES, NONE, USUAL
+from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, System
+from flashtemp.discovery.estimation.nuisance_priors import factors, is_camera_gain
 from flashtemp.discovery.parameters import Kind, Priors
 
 SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis

@@ -11,9 +11,9 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.camera.placement import Place
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import View
-from flashtemp.discovery.camera_errors import NONE
-from flashtemp.discovery.floor import MIDDLE
-from flashtemp.discovery.hypothesis import Model
+from flashtemp.discovery.estimation.camera_error_columns import NONE
+from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
+from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import (
     OF_A_POINT,
     OF_THE_CAMERA,
@@ -24,9 +24,9 @@ from flashtemp.discovery.parameters import (
     ParameterId,
     Priors,
 )
-from flashtemp.discovery.prediction import Derivatives, Observable, Single, packed
-from flashtemp.discovery.problem import Problem
-from flashtemp.discovery.thermocouples import known
+from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Single, flatten_valid_pixels
+from flashtemp.discovery.prediction.problem import Problem
+from flashtemp.discovery.prediction.sensor_parameters import sensor_priors
 
 MODES = 6  # cosines of the pressure along the block
 GROUPS = {  # standard deviations, by the kind of nuisance
@@ -38,7 +38,7 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.WALL: 0.01,  # what the wall is cooler than the section behind it
     Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
     Kind.CELL: 0.005,  # gain of the load cell
-    Kind.FLOOR: MIDDLE,  # the model's own error over the rise, 1e-3 to 3e-3 by evidence
+    Kind.FLOOR: TYPICAL_DISCREPANCY,  # the model's own error over the rise, 1e-3 to 3e-3 by evidence
     Kind.SCALE: 0.01,  # pixel scale of a view
     Kind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree
     Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
@@ -70,22 +70,22 @@ PLAIN = frozenset(  # what everybody would calibrate
 WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
 
 
-def everything(problem: Problem) -> Derivatives:
+def all_derivatives(problem: Problem) -> Derivatives:
     """Derivatives by all that calibration may move."""
     return Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
 
 
-def nuisances(problem: Problem, names: Iterable[ParameterId], model: Model) -> Priors:
+def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model) -> Priors:
     """(mean, standard deviation) of everything that calibration may move, seen from a point."""
     out: Priors = {}
     free = problem.priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
-    points = known(problem.campaign.views)
+    points = sensor_priors(problem.campaign.views)
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
         elif p.kind in SHIFTS:
-            sd = astray(recordings[p.file], model.place(p.file), p.axis)
+            sd = position_sd_px(recordings[p.file], model.place(p.file), p.axis)
             out[p] = (-model.shift(p.file)[p.axis], sd)
         elif p.kind in OF_A_POINT:
             out[p] = (-model.beads.get(p, 0.0), points[p])
@@ -106,7 +106,7 @@ def _usual(recording: Recording, p: ParameterId) -> float:
     return CAMERA_CLASSES[recording.camera].gain_map if is_camera_gain(p) else 1.0
 
 
-def astray(recording: Recording, place: Place, axis: int) -> float:
+def position_sd_px(recording: Recording, place: Place, axis: int) -> float:
     """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
 
     Nobody notes about which point a camera was turned: any that the image shows, alike; nor about which a scale is off
@@ -120,7 +120,7 @@ def astray(recording: Recording, place: Place, axis: int) -> float:
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 
 
-def growth(scale: float) -> dict[Kind, float]:
+def prior_scale_factors(scale: float) -> dict[Kind, float]:
     """Times as wide as said: priors of what is small and unknown in shape, at a `scale`."""
     return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
 
@@ -133,11 +133,11 @@ def is_camera_gain(p: ParameterId) -> bool:
 def factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
     """Times as wide as said, by kind and whether only real cameras have it (`is_camera_gain`): priors of what is small
     and unknown in shape, at a `scale`, and of camera errors by family; 0 of errors that a camera does not have."""
-    out = {(kind, False): times for kind, times in (dict(families) | growth(scale)).items()}
+    out = {(kind, False): times for kind, times in (dict(families) | prior_scale_factors(scale)).items()}
     return out | {(Kind.MAP, True): families[Kind.MAP]}
 
 
-def rescaled(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NONE) -> Priors:
+def scale_priors(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NONE) -> Priors:
     """The same at a `scale` of what is small and unknown in shape, a `floor` of the model's own relative error, and
     sizes of the `families` of camera errors; those that are none are left out."""
     out, times = {}, factors(scale, families)
@@ -148,7 +148,7 @@ def rescaled(priors: Priors, scale: float, floor: float, families: Mapping[Kind,
     return out
 
 
-def plain(priors: Priors) -> Priors:
+def rigid_priors(priors: Priors) -> Priors:
     """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition; gain maps are
     calibrated where a camera clearly has one."""
     kinds = PLAIN | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
@@ -160,7 +160,7 @@ def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
     return {p: (0.0, FLUX / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
 
 
-def smooth_images(view: View, seen: Observable) -> dict[ParameterId, Single]:
+def camera_smooth_basis(view: View, seen: Observable) -> dict[ParameterId, Single]:
     """Smooth maps that no run explains: a slight gain along a view, and the wall's own cooling."""
     r = view.recording
     if r.places is not None:  # points are no image
@@ -175,7 +175,7 @@ def smooth_images(view: View, seen: Observable) -> dict[ParameterId, Single]:
     if r.view == "sidewall":
         for k, depth in enumerate(WALLS):
             out[ParameterId(Kind.WALL, (k,))] = rise * np.exp(-np.maximum(r.v, 0.0) / depth)[:, None]
-    return {k: packed(values, seen.inside) for k, values in out.items()}
+    return {k: flatten_valid_pixels(values, seen.inside) for k, values in out.items()}
 
 
 def _unit(centres: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

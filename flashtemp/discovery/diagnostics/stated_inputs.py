@@ -19,7 +19,7 @@ from flashtemp.discovery.hypotheses.input_kinds import (
     physical_keys,
 )
 from flashtemp.discovery.parameters import ParameterId, Prior, Priors
-from flashtemp.discovery.problem import Problem
+from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.model.priors import with_materials

@@ -17,7 +17,7 @@ from flashtemp.model.scene import Acting, Scene
 from flashtemp.physics.effect import Effect, Factor, Term
 
 
-class Scatter(Effect):
+class RepetitionFrictionScatter(Effect):
     """Friction of one repetition a little higher: mu (1 + size)."""
 
     def heat(self, scene: Any, p: Any) -> Iterator[Factor]:
@@ -25,7 +25,7 @@ class Scatter(Effect):
         yield Factor("friction.mu", lambda T, now, p: 1.0 + p.size * (now.repetition == p.number))
 
 
-class Mode(Effect):
+class PressureCosineMode(Effect):
     """Cosine of the nominal contact pressure along the block, constant or growing from repetition to repetition."""
 
     steady = True  # within a stretch, for which alone anything is kept
@@ -41,14 +41,14 @@ class Mode(Effect):
         yield Term("contact.pressure", law)
 
 
-def with_scatter(scene: Scene, repetition: int, size: float) -> Scene:
+def add_friction_scatter(scene: Scene, repetition: int, size: float) -> Scene:
     """The scene with friction higher by a share `size` in one repetition."""
-    return _with(scene, Scatter(), number=repetition, size=size)
+    return _with(scene, RepetitionFrictionScatter(), number=repetition, size=size)
 
 
-def with_mode(scene: Scene, number: int, size: float, trend: bool = False) -> Scene:
+def add_pressure_mode(scene: Scene, number: int, size: float, trend: bool = False) -> Scene:
     """The scene with a cosine of `number` half waves along the block added to its relative pressure."""
-    return _with(scene, Mode(), number=number, size=size, trend=trend)
+    return _with(scene, PressureCosineMode(), number=number, size=size, trend=trend)
 
 
 def _with(scene: Scene, effect: Effect, **values: float) -> Scene:

@@ -148,7 +148,7 @@ def test_a_law_is_learned_while_it_leaves_less_than_the_criterion(benchmark, sea
 
 
 def test_fits_that_nobody_made_are_counted(benchmark, search):
-    scores = [("wear", 40.0), ("blur", 18.0), ("lag", 4.0)]
+    scores = [("wear", 40.0), ("blur", 18.0), ("lag", 6.0)]
     stored = search.made(search.fit("wear", gain=40.0), search.fit("blur", gain=2.0), scores=scores)
     report = benchmark.replay.replay_all([stored])
     assert report["shortlist_range"]["fits"] == {"half": [0, 0], "double": [1, 0]}

@@ -229,7 +229,7 @@ ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").glob("*.py")] if f
 WORDS = {  # that are quantities or parts of a camera's image before they are effects, and where they are such
     "emissivity": (
         "camera", "physics/quantities.py", "lab/camera_page.py", "comparison/known_inputs.py",
-        "discovery/hypotheses", "discovery/prediction/prediction.py",
+        "discovery/hypotheses", "discovery/prediction/prediction.py", "discovery/diagnostics/stated_inputs.py",
     ),
     "blur": ("camera", "physics/quantities.py"),
     "radiation": ("camera/radiometry.py",),

@@ -284,15 +284,20 @@ def _alternatives(search: Search, final: Fit) -> tuple[Alternative, ...]:
 
 
 def _unresolved(search: Search, final: Fit) -> dict[str, float]:
-    """Effects that are asked for and were not judged: fits that did not end and yet explain more than the final one."""
+    """Effects that are asked for in place of the final model's and were not judged; what lies beside them changes
+    nothing of what was found."""
+    own = names_of(final)
+    return {" with ".join(sorted(n)): gain for n, gain in _unjudged(search, final).items() if not (own and n > own)}
+
+
+def _unjudged(search: Search, final: Fit) -> dict[frozenset[str], float]:
+    """Effects whose fits did not end and yet explain more than the final one, by how much; and those not simulated."""
     out = {}
     for names, fit in search.fits.items():
         gain = fit.secured - final.secured
         if not fit.usable and fit.status is not Status.OUTRUN and gain > CRITERIA.ln_bayes_distinct:
-            out[" with ".join(sorted(names))] = gain
-    for names in search.unfitted:
-        out[" with ".join(sorted(names))] = CRITERIA.ln_bayes_named
-    return out
+            out[names] = gain
+    return out | {names: CRITERIA.ln_bayes_named for names in search.unfitted}
 
 
 # --- the verdict for people -------------------------------------------------------------------------------------
@@ -440,6 +445,11 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
             out.append(
                 f"{label}: the model leaves {math.sqrt(variance):.2g} times its noise; it counted for that much less"
             )
+    own = names_of(final)
+    for names, gain in _unjudged(search, final).items():
+        if own and names > own:
+            more = " and ".join(sorted(names - own))
+            out.append(f"{more} beside it (ln Bayes factor {gain:.0f}) could not be fitted to an end")
     if len(problem.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
     return tuple(out)

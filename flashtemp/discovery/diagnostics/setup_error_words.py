@@ -16,7 +16,7 @@ VIEWS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all prof
 def error_name(p: ParameterId) -> str:
     """As a cause is called in files.
 
-    >>> name(ParameterId(Kind.SCALE, file="wall.nc")), name(ParameterId(Kind.SIZE, name="block.length"))
+    >>> error_name(ParameterId(Kind.SCALE, file="wall.nc")), error_name(ParameterId(Kind.SIZE, name="block.length"))
     ('pixel_scale', 'block_length')
     """
     return SIZES[p.name] if p.kind is Kind.SIZE else CALLED[p.kind]

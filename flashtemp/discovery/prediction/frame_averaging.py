@@ -47,7 +47,7 @@ def frame_groups(
 
     `time` (frames,) s in order, `repetition` (frames,); events at `begins` and the `end`, s.
 
-    >>> groups(np.array([0.0, 1.0, 10.0, 10.2, 10.4, 19.9, 20.0]), np.ones(7, int), np.array([0.0]), 20.0)
+    >>> frame_groups(np.array([0.0, 1.0, 10.0, 10.2, 10.4, 19.9, 20.0]), np.ones(7, int), np.array([0.0]), 20.0)
     [0, 1, 2, 5, 6]
     """
     events = np.append(begins, end)

@@ -28,7 +28,8 @@ class Step:
 
 
 STEPS = (
-    Step("prepare", "screen the frames, average long recordings, collect priors", ("prediction/problem", "prediction/frame_averaging")),
+    Step("prepare", "screen the frames, average long recordings, collect priors",
+         ("prediction/problem", "prediction/frame_averaging")),
     Step("correct recordings", "mirrored, exchanged, of another condition, far from where they are stated",
          ("measurement_errors/recording_errors", "measurement_errors/initial_registration")),
     Step("calibrate", "coarser meshes, best point of the stated case, sensitivities of all candidates",

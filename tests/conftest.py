@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import sys
 from collections import Counter, defaultdict
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -187,3 +188,17 @@ def pytest_terminal_summary(terminalreporter, config):
         if found := re.findall(r"`(test_\w+)`", row if row.startswith("|") else ""):
             parts = ", ".join(f"{n} {seconds[n]:.0f}" for n in found)
             terminalreporter.line(f"{sum(seconds[n] for n in found):6.0f}  {row.split('|')[1].strip()}: {parts}")
+
+
+@pytest.fixture(scope="session")
+def discovery_benchmark():
+    """Modules of the benchmark of discovery: its count of outcomes, its stored evidence and the replay."""
+    before = list(sys.path)
+    sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+    try:
+        import campaigns
+        import criteria_replay
+        import stored_evidence
+    finally:
+        sys.path[:] = before
+    return SimpleNamespace(campaigns=campaigns, replay=criteria_replay, stored=stored_evidence)

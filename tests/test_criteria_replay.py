@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import fields, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,29 +15,15 @@ from flashtemp.discovery.estimation.linearised_fit import Status
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS
 from flashtemp.discovery.parameters import Kind, ParameterId
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 TESTS = ("amplitude", "heat of", "pressure of", "calibrated", "camera and", "noise left")
 LARGE = EffectSize(rise_fraction=0.05, change_K=0.1, mesh_error_K=0.02)
 LENGTH = ParameterId(Kind.SIZE, name="block.length")
 
 
-@pytest.fixture(scope="module")
-def benchmark():
-    """The modules of the benchmark."""
-    before = list(sys.path)
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        import criteria_replay
-        import stored_evidence
-    finally:
-        sys.path[:] = before
-    return SimpleNamespace(replay=criteria_replay, stored=stored_evidence)
-
-
 @pytest.fixture
-def search(benchmark):
+def search(discovery_benchmark):
     """A maker of stored searches."""
-    s = benchmark.stored
+    s = discovery_benchmark.stored
 
     def fit(*effects, gain=0.0, probability=1.0, size=LARGE, chi2=100.0, misfit=0.0, away=None, setup=None):
         free = {ParameterId.of_effect(e, "a"): (0.0, 1.0) for e in effects}
@@ -67,27 +51,27 @@ def search(benchmark):
     return SimpleNamespace(made=made, fit=fit)
 
 
-def replayed(benchmark, search, **values):
+def replayed(discovery_benchmark, search, **values):
     """Kind and effects of a verdict with other criteria."""
-    with benchmark.stored.criteria_changed(**values):
-        found = benchmark.replay.replay(search)
+    with discovery_benchmark.stored.criteria_changed(**values):
+        found = discovery_benchmark.replay.replay(search)
     return found.record["verdict"], found.record["effects"]
 
 
-def test_criteria_are_changed_for_a_while_in_all_of_discovery(benchmark):
+def test_criteria_are_changed_for_a_while_in_all_of_discovery(discovery_benchmark):
     from flashtemp.discovery import engine
 
     before = CRITERIA.ln_bayes_named
-    with benchmark.stored.criteria_changed(ln_bayes_named=3.0):
+    with discovery_benchmark.stored.criteria_changed(ln_bayes_named=3.0):
         assert engine.CRITERIA.ln_bayes_named == 3.0
     assert before == CRITERIA.ln_bayes_named == Criteria().ln_bayes_named
 
 
-def test_a_cause_is_named_weak_or_none_as_the_criterion_has_it(benchmark, search):
+def test_a_cause_is_named_weak_or_none_as_the_criterion_has_it(discovery_benchmark, search):
     stored = search.made(search.fit("wear", gain=12.0))
-    assert replayed(benchmark, stored) == ("named", ["wear"])
-    assert replayed(benchmark, stored, ln_bayes_named=16.0) == ("weak", ["wear"])
-    assert replayed(benchmark, stored, ln_bayes_named=16.0, ln_bayes_hint=15.0) == ("none_needed", [])
+    assert replayed(discovery_benchmark, stored) == ("named", ["wear"])
+    assert replayed(discovery_benchmark, stored, ln_bayes_named=16.0) == ("weak", ["wear"])
+    assert replayed(discovery_benchmark, stored, ln_bayes_named=16.0, ln_bayes_hint=15.0) == ("none_needed", [])
 
 
 @pytest.mark.parametrize(
@@ -105,61 +89,61 @@ def test_a_cause_is_named_weak_or_none_as_the_criterion_has_it(benchmark, search
         ("max_causes", 0.0, "none_needed"),
     ],
 )
-def test_every_criterion_of_a_cause_acts_in_a_replay(benchmark, search, criterion, value, kind):
+def test_every_criterion_of_a_cause_acts_in_a_replay(discovery_benchmark, search, criterion, value, kind):
     away = dict.fromkeys(TESTS[1:5], 2.0) | {TESTS[0]: 1.0}
     stored = search.made(search.fit("wear", gain=12.0, probability=0.1, misfit=0.2, away=away))
-    with benchmark.stored.criteria_changed(adequacy_standard_errors=1.0):
-        assert replayed(benchmark, stored)[0] == "named"
-        assert replayed(benchmark, stored, **{criterion: value})[0] == kind
+    with discovery_benchmark.stored.criteria_changed(adequacy_standard_errors=1.0):
+        assert replayed(discovery_benchmark, stored)[0] == "named"
+        assert replayed(discovery_benchmark, stored, **{criterion: value})[0] == kind
 
 
-def test_a_hint_that_is_too_small_is_none(benchmark, search):
+def test_a_hint_that_is_too_small_is_none(discovery_benchmark, search):
     stored = search.made(search.fit("wear", gain=7.0, size=EffectSize(4e-3, change_K=0.1)))
-    assert replayed(benchmark, stored)[0] == "weak"
-    assert replayed(benchmark, stored, hint_fraction=6e-3)[0] == "none_needed"
+    assert replayed(discovery_benchmark, stored)[0] == "weak"
+    assert replayed(discovery_benchmark, stored, hint_fraction=6e-3)[0] == "none_needed"
 
 
-def test_an_alternative_is_told_apart_or_not(benchmark, search):
+def test_an_alternative_is_told_apart_or_not(discovery_benchmark, search):
     stored = search.made(search.fit("wear", gain=12.0), search.fit("blur", gain=5.5))
-    assert replayed(benchmark, stored)[0] == "named"
-    assert replayed(benchmark, stored, ln_bayes_distinct=10.0)[0] == "group"
+    assert replayed(discovery_benchmark, stored)[0] == "named"
+    assert replayed(discovery_benchmark, stored, ln_bayes_distinct=10.0)[0] == "group"
 
 
-def test_errors_of_the_setup_are_judged_anew(benchmark, search):
+def test_errors_of_the_setup_are_judged_anew(discovery_benchmark, search):
     """A length that is off by three of its usual sizes, and by six to seven of its standard errors."""
     usual = GROUPS[Kind.SIZE]
     found = Reduced((LENGTH,), np.array([15.0 / usual]), np.array([[4.0 / usual**2]]), np.array([usual]))
-    stored = search.made(setup=benchmark.stored.StoredSetup(found, found, {}), kind="null")
-    assert benchmark.replay.replay(stored).record["inputs"] == ["block_length"]
-    with benchmark.stored.criteria_changed(setup_standard_errors=8.0):
-        assert benchmark.replay.replay(stored).record["verdict"] == "none_needed"
-    with benchmark.stored.criteria_changed(ln_bayes_named=100.0):
-        assert benchmark.replay.replay(stored).record["inputs"] == []
-    with benchmark.stored.criteria_changed(pull_setup=4.0):
-        assert benchmark.replay.replay(stored).record["inputs"] == []
+    stored = search.made(setup=discovery_benchmark.stored.StoredSetup(found, found, {}), kind="null")
+    assert discovery_benchmark.replay.replay(stored).record["inputs"] == ["block_length"]
+    with discovery_benchmark.stored.criteria_changed(setup_standard_errors=8.0):
+        assert discovery_benchmark.replay.replay(stored).record["verdict"] == "none_needed"
+    with discovery_benchmark.stored.criteria_changed(ln_bayes_named=100.0):
+        assert discovery_benchmark.replay.replay(stored).record["inputs"] == []
+    with discovery_benchmark.stored.criteria_changed(pull_setup=4.0):
+        assert discovery_benchmark.replay.replay(stored).record["inputs"] == []
 
 
 @pytest.mark.parametrize(("limit", "kind"), [(0.5, "learned"), (0.25, "unexplained")])
-def test_a_law_is_learned_while_it_leaves_less_than_the_criterion(benchmark, search, limit, kind):
-    law = benchmark.stored.StoredLaw(search.fit("learned_law", gain=90.0), 90.0, 0.0, 3.0, (200.0, 80.0))
+def test_a_law_is_learned_while_it_leaves_less_than_the_criterion(discovery_benchmark, search, limit, kind):
+    law = discovery_benchmark.stored.StoredLaw(search.fit("learned_law", gain=90.0), 90.0, 0.0, 3.0, (200.0, 80.0))
     bad = search.fit("wear", gain=12.0, misfit=2.0)
     stored = search.made(bad, law=law, law_was_tried=True)
-    assert replayed(benchmark, stored, law_excess_left=limit)[0] == kind
+    assert replayed(discovery_benchmark, stored, law_excess_left=limit)[0] == kind
 
 
-def test_fits_that_nobody_made_are_counted(benchmark, search):
+def test_fits_that_nobody_made_are_counted(discovery_benchmark, search):
     scores = [("wear", 40.0), ("blur", 18.0), ("lag", 6.0)]
     stored = search.made(search.fit("wear", gain=40.0), search.fit("blur", gain=2.0), scores=scores)
-    report = benchmark.replay.replay_all([stored])
+    report = discovery_benchmark.replay.replay_all([stored])
     assert report["shortlist_range"]["fits"] == {"half": [0, 0], "double": [1, 0]}
     assert report["shortlist_range"]["not_fitted"] == {"half": 0, "double": 1}
     assert report["shortlist"]["fits"]["half"] == [0, 0]
     assert report["shortlist_range"]["decides"] == "cost"
 
 
-def test_a_criterion_that_changes_nothing_shows_as_such(benchmark, search):
+def test_a_criterion_that_changes_nothing_shows_as_such(discovery_benchmark, search):
     stored = [search.made(search.fit("wear", gain=g)) for g in (12.0, 90.0)]
-    report = benchmark.replay.replay_all(stored)
+    report = discovery_benchmark.replay.replay_all(stored)
     assert list(report) == [f.name for f in fields(Criteria)]
     assert report["ln_bayes_named"]["decides"] == "verdicts"
     assert report["ln_bayes_named"]["double"] == {"right": -1, "weak": 1}
@@ -167,10 +151,12 @@ def test_a_criterion_that_changes_nothing_shows_as_such(benchmark, search):
     assert all(row["campaigns"] == 2 for row in report.values())
 
 
-def test_a_replay_that_is_not_the_stored_verdict_is_reported(benchmark, search, tmp_path):
+def test_a_replay_that_is_not_the_stored_verdict_is_reported(discovery_benchmark, search, tmp_path):
     good = search.made(search.fit("wear", gain=12.0))
     bad = replace(good, record=good.record | {"verdict": "weak"})
-    benchmark.stored.write_evidence(bad, tmp_path / "bad.pkl.xz")
-    [line] = benchmark.replay.not_reproduced([good, benchmark.stored.read_evidence(tmp_path / "bad.pkl.xz")])
+    discovery_benchmark.stored.write_evidence(bad, tmp_path / "bad.pkl.xz")
+    [line] = discovery_benchmark.replay.not_reproduced(
+        [good, discovery_benchmark.stored.read_evidence(tmp_path / "bad.pkl.xz")]
+    )
     assert "weak wear" in line
     assert "replayed named wear" in line

@@ -6,10 +6,7 @@ drawn from the seed (`truth.uncooled_camera`).
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from truth import laboratory
@@ -17,7 +14,6 @@ from truth import laboratory
 from flashtemp.comparison import campaign
 from flashtemp.discovery import engine
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 CANDIDATES = ("pressure_tilt", "edge_pressure", "friction_softening", "third_body")
 PARAMETERS = {"pressure_tilt": "a", "edge_pressure": "B", "friction_softening": "b", "third_body": "growth"}
 SEEN, FAINT = {"right", "group"}, {"right", "group", "weak", "none"}  # outcomes of benchmarks/campaigns.py
@@ -38,31 +34,17 @@ PROGRAMME = laboratory.Programme(
 )
 
 
-@pytest.fixture(scope="module")
-def benchmark():
-    """The benchmark's count of outcomes, and its stored evidence with the replay."""
-    before = list(sys.path)
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        import campaigns
-        import criteria_replay
-        import stored_evidence
-    finally:
-        sys.path[:] = before
-    return SimpleNamespace(campaigns=campaigns, replay=criteria_replay, stored=stored_evidence)
-
-
 @pytest.mark.sample("119")
 @pytest.mark.parametrize("seed", CAMPAIGNS)
-def test_real_cameras_hide_nothing_strong_and_add_nothing(benchmark, tmp_path, seed):
+def test_real_cameras_hide_nothing_strong_and_add_nothing(discovery_benchmark, tmp_path, seed):
     """Its evidence, stored as numbers, gives the same verdict again: `criteria_replay` rests on that."""
     hidden, honest = CAMPAIGNS[seed]
     laboratory.campaign(tmp_path, hidden, seed, test=PROGRAMME, uncooled=True)
     loaded = replace(campaign.load(tmp_path), candidates=CANDIDATES)
-    with benchmark.stored.Recorder().installed() as recorder:
+    with discovery_benchmark.stored.Recorder().installed() as recorder:
         verdict, _ = engine.discover(loaded, workers=1)
     true = {name: {PARAMETERS[name]: size} for name, size in hidden.items()}
     record = {"name": str(seed), "kind": "single" if hidden else "null", "hidden": true, "setup": {}}
-    record |= benchmark.campaigns.describe_verdict(verdict, true)
-    assert benchmark.campaigns.classify(record) in honest, verdict.says
-    assert benchmark.replay.not_reproduced([recorder.evidence(record)]) == []
+    record |= discovery_benchmark.campaigns.describe_verdict(verdict, true)
+    assert discovery_benchmark.campaigns.classify(record) in honest, verdict.says
+    assert discovery_benchmark.replay.not_reproduced([recorder.evidence(record)]) == []

@@ -306,3 +306,31 @@ def test_right_inputs_are_not_contradicted(made):
     found = checked(made, 1.0, KEYS)
     for case in found.values():
         assert {c.verdict for c in case.checks.values()} <= {InputVerdict.CONSISTENT, InputVerdict.NOT_CHECKABLE}
+
+
+def _reduced_set():
+    """Errors of set-up: two small ones (0, 1) that one (2) does alone, and one that nothing needs (3)."""
+    from flashtemp.discovery.diagnostics.setup_errors import Reduced
+
+    act = np.array([[30.0, 0.0, 30.0, 0.1], [0.0, 30.0, 30.0, -0.1]])  # on two data in sigma
+    data = act[:, 2]
+    names = tuple(ParameterId.of_input(f"key.{k}") for k in range(4))
+    return Reduced(names, act.T @ data, act.T @ act, np.ones(4))
+
+
+def test_one_error_of_the_set_up_is_preferred_to_two_that_do_the_same():
+    from flashtemp.discovery.diagnostics.setup_errors import _stepwise
+
+    sets = _stepwise(_reduced_set(), 8.0)
+    assert max(sets, key=lambda s: sets[s]) == (2,)
+    assert (0, 1) not in sets or sets[(0, 1)] < sets[(2,)]
+
+
+def test_alternatives_of_a_set_up_error_are_the_best_and_the_fewest(monkeypatch):
+    from flashtemp.discovery.diagnostics import setup_errors
+
+    monkeypatch.setattr(setup_errors, "_called", lambda problem, known, p, value: (p.name, p.name))
+    monkeypatch.setattr(setup_errors, "MAX_ALTERNATIVES", 1)
+    others = [(0, 3), (0,), (3,), (2,)]  # the best first; the last has nothing in place of it
+    found = setup_errors._alternatives(None, {}, _reduced_set(), (2,), others)
+    assert found == (("key.0", "key.0"),)

@@ -377,10 +377,8 @@ def _is_one_line(mean: Array, line: int) -> bool:
     step = np.diff(mean, axis=0)
     sd = np.hypot(USUAL_PSF_PX, PIXEL_SD)
     spread = float(np.exp(-0.5 / sd**2))  # what the point spread of a pixel leaves on the next one
-    for near in (line - 1, line + 1):
-        both = (
-            np.isfinite(step[:, line]) & np.isfinite(step[:, near]) if 0 <= near < mean.shape[1] else np.zeros(0, bool)
-        )
+    for near in {line - 1, line + 1} & set(range(mean.shape[1])):
+        both = np.isfinite(step[:, line]) & np.isfinite(step[:, near])
         if both.sum() > FAR:
             part = float(np.sum(step[both, line] * step[both, near]) / np.sum(step[both, line] ** 2))
             if abs(part) > 0.5 * spread:

@@ -449,7 +449,8 @@ def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     for names, gain in _unjudged(search, final).items():
         if own and names > own:
             more = " and ".join(sorted(names - own))
-            out.append(f"{more} beside it (ln Bayes factor {gain:.0f}) could not be fitted to an end")
+            why = "could not be simulated" if names in search.unfitted else f"(ln Bayes factor {gain:.0f}) did not end"
+            out.append(f"the fit of {more} beside it {why}")
     if len(problem.conditions) == 1:
         out.append("all data are of one condition: effects that differ in speed or load only cannot be told apart")
     return tuple(out)

@@ -145,14 +145,16 @@ def _alternatives(
     others: Sequence[tuple[int, ...]],
 ) -> tuple[tuple[str, str], ...]:  # fmt: skip
     """Name and words of what other sets have in place of an error: single ones, or the fewest where none does alone."""
-    new = {tuple(q for q in other if q not in free): other for other in reversed(others)}
-    fewest = min(map(len, new), default=0)
+    new: dict[tuple[int, ...], tuple[int, ...]] = {}
+    for other in others:  # the best first
+        new.setdefault(tuple(q for q in other if q not in free), other)
+    fewest = min((len(instead) for instead in new if instead), default=0)
     out = []
     for instead, other in new.items():
         if instead and len(instead) == fewest:
             values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
             called = [_called(problem, known, system.names[q], values[q]) for q in instead]
-            out.append((called[0][0], " and ".join(describe_error for _, describe_error in called)))
+            out.append((called[0][0], " and ".join(words for _, words in called)))
     return tuple(out[:MAX_ALTERNATIVES])
 
 

@@ -58,7 +58,7 @@ def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
             left[:, list(rows)], left[:, :, list(columns)] = np.nan, np.nan
             bad = outlying_pixels(left)
             also = [(len(rows), "flickering row"), (len(columns), "flickering column"),
-                    (int(bad.sum()), "pixel with outlying residuals")]  # fmt: skip
+                    (int(bad.sum()), "outlying pixel")]  # fmt: skip
             bad[list(rows)], bad[:, list(columns)] = True, True
             if bad.any():
                 T = np.where(bad, np.nan, view.recording.temperature)

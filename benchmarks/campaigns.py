@@ -106,7 +106,7 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
     """What the tables need of a verdict."""
     effects = [c for c in verdict.causes if not c.laboratory]
     scores = {r.effect: r.score for r in verdict.rivals} | {c.effect: c.ln_bayes for c in effects}
-    keys = [k.key for k in [verdict.held_key] if k and (k.freed or verdict.kind == "held_key")]
+    keys = [k.key for k in [verdict.held_key] if k and verdict.kind == "held_key"]
     parameters = [
         {"name": p.name, "value": p.value, "stderr": p.stderr, "ci95": list(p.ci95),
          "true": hidden.get(c.effect, {}).get(p.name.rpartition(".")[2])}

@@ -24,9 +24,11 @@ from flashtemp.discovery.diagnostics import adequacy_tests as adequacy
 from flashtemp.discovery.diagnostics.verdict_sentences import (
     ADEQUACY_WORDS,
     describe_rule,
+    describe_success,
     describe_verdict,
     explain_uncertainty,
 )
+from flashtemp.discovery.engine import _rule_result
 from flashtemp.discovery.verdict import (
     KINDS,
     Cause,
@@ -249,7 +251,7 @@ def verdict(kind, count=2, **changes):
         "unexplained": none | {"says": ("Something outside the catalogue is present at x = 10 to 14 mm.",)},
         "held_key": none | {
             "says": ("A key that was held explains what a cause would: friction.mu was held at 0.8.",),
-            "held_key": Held("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, True, "friction.mu was held at 0.8"),
+            "held_key": Held("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, "friction.mu is 1, not 0.8"),
         },
         "learned": {
             "causes": (replace(CAUSE, effect="learned", words="mu over T"),), "says": ("Learned: mu over T.",),
@@ -456,7 +458,9 @@ def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_chan
         assert f'<div class="verdict {grade}">' in html
         assert ("but it hardly changes what is computed" in html) == (grade == "near")
         assert "wake_&lt;1&gt;.nc by 0.0021 K root mean square (0.14 % of its rise)" in html
-        assert ("stay at 0.0584 K root mean square" in html) == (grade == "near")
+        assert ("the root mean square of the differences, noise included, stays at 0.0584 K" in html) == (
+            grade == "near"
+        )
     assert '<div class="verdict near">' in verdict_report.text(
         verdict("learned", gain=gain, base=small, extended=small, before=(), after=())
     )
@@ -829,7 +833,7 @@ def test_the_first_sentence_is_the_verdict_in_plain_words(kind, changes, first, 
 
 
 def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():
-    held = Held("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, False, "")
+    held = Held("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, "")
     faint = stated_input("schedule.speed", "contradicted", 3.1, CRITERIA.ln_bayes_hint - 1.0)
     lines = describe_verdict(verdict("named", inputs=(*INPUTS, faint), held_key=held), catalogue())
     assert sum("contact.pressure is stated" in line for line in lines) == 1
@@ -888,3 +892,24 @@ def test_heads_of_tables_stand_above_their_words():
     table = html_parts.table(["a", "words", "c"], [["1", "2", "3"], ["1", "w" * 25, "3"]])
     assert table.count('class="text"') == 3
     assert '<th class="text">words</th>' in table
+
+
+@pytest.mark.parametrize(
+    ("error_K", "words"), [(0.002, "stays the same (0.0587 K and 0.06 K, within noise)"), (2e-4, "grows from 0.0587 K")]
+)
+def test_a_gain_or_loss_is_told_only_beyond_its_statistical_error(unpainted, error_K, words):
+    base = replace(BASE, rmse_K=0.0587, held_out_rmse_K=0.0498, held_out_z=1.0)
+    after = replace(base, rmse_K=0.06, rmse_change_error_K=error_K, held_out_z=1.003, held_out_rmse_K=0.05)
+    v = verdict("named", base=base, extended=replace(after, held_out_z_change_error=error_K), before=(), after=())
+    assert words in verdict_report.text(v)
+    lines = describe_verdict(v, catalogue())
+    assert any("as well as before (1 and 1 sigma, within noise)" in line for line in lines) == (error_K == 0.002)
+
+
+def test_a_rule_that_passed_has_a_text_that_says_so():
+    for rule in decide(Evidence(True, False, ("pressure_tilt",), ln_bayes=58.0, ln_bayes_discrepancy=40.0)).rules:
+        found = _rule_result(rule)
+        assert rule.passed
+        assert found.consequence == describe_success(found) != rule.consequence
+    [failed] = decide(Evidence(False, False)).rules
+    assert _rule_result(failed).consequence == failed.consequence

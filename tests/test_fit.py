@@ -29,7 +29,7 @@ from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, UNSURE, nuisance_priors
 from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction.problem import _untold, prepare_problem
+from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
 from flashtemp.discovery.selection.scores import SEEN, scores, worth_another_look
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load
@@ -75,7 +75,7 @@ def value(fit, key):
 
 
 def candidate(made, name):
-    [found] = (c for c in made.problem.tried if c.effect == name)
+    [found] = (c for c in made.problem.candidates if c.effect == name)
     return found
 
 
@@ -146,7 +146,7 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
     mute = replace(first, recording=replace(first.recording, registration_sigma_px=None, psf_sigma_px=None))
     exact = replace(second, recording=replace(second.recording, registration_sigma_px=0.0))
     found = prepare_problem(replace(two.problem.campaign, views=(mute, exact)), two.problem.run)
-    assert found.untold == {mute.file: ("registration_sigma_px", "psf_sigma_px")}
+    assert found.assumed_camera_facts == {mute.file: ("registration_sigma_px", "psf_sigma_px")}
     taken, told = (v.recording for v in found.campaign.views)
     assert (taken.registration_sigma_px, taken.psf_sigma_px, told.registration_sigma_px) == (0.5, 0.7, 0.0)
     spread = [ParameterId(Kind.SPREAD, file=v.file) for v in found.campaign.views]
@@ -156,10 +156,10 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
     solution = replace(two.base.solution, names=tuple(spread), d=np.array([0.4, 0.1]))
     far = normalised_deviations(replace(two.base, priors=priors, solution=solution))
     assert [far[p] for p in spread] == pytest.approx([1.0, 2.0])
-    said = describe_assumed_optics(mute.file, found.untold[mute.file])
+    said = describe_assumed_optics(mute.file, found.assumed_camera_facts[mute.file])
     assert "does not state its registration_sigma_px and psf_sigma_px" in said
     assert said.endswith("0.5 px and 0.7 px are assumed")
-    assert not _untold(
+    assert not _unstated_facts(
         SimpleNamespace(
             recording=replace(
                 mute.recording, view="profile", temperature=mute.recording.temperature[:, :1], v=mute.recording.v[:1]
@@ -272,18 +272,18 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
 def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peaked, peak):
     """None of the others would be seen by its own sensitivities; one that is there at 6 standard deviations is kept."""
     problem, data, base = peaked.problem, peaked.data, peaked.base
-    ranked = scores(problem, base, problem.tried)
+    ranked = scores(problem, base, problem.candidates)
     kept = worth_another_look(problem, base, peak, ranked)
     asleep = {s.effect for s in ranked if s.seen < SEEN}
     assert "edge_pressure" not in {k.effect for k in kept}
     assert "wear" in asleep  # does nothing where the pressure is even, and may where it is not
     assert asleep <= {k.effect for k in kept}
-    assert len(kept) - len(asleep) < 0.5 * len(problem.tried)
+    assert len(kept) - len(asleep) < 0.5 * len(problem.candidates)
     h = Hypothesis(problem, data, peak.model, (candidate(peaked, "edge_pressure"),), keeps_candidates=True)
-    tasks = problem.tasks(peak.model, replace(h.all_derivatives(), candidates=problem.tried))
+    tasks = problem.tasks(peak.model, replace(h.all_derivatives(), candidates=problem.candidates))
     blocks = data.blocks(problem.predictions(tasks))
     system = peak.system.with_blocks({b.label: b for b in blocks})
-    own = {s.effect: s for s in scores(problem, replace(peak, system=system), problem.tried)
+    own = {s.effect: s for s in scores(problem, replace(peak, system=system), problem.candidates)
            if s.candidate not in kept}  # fmt: skip
     assert all(s.ln_bayes < 5.0 for s in own.values())
 

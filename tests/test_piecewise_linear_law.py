@@ -65,7 +65,7 @@ REACHED = {
     "time": (0.0, 30.0), "repetition": (1.0, 10.0),
 }  # fmt: skip
 SINCE = [  # laws that the engine came to know last: of each way into it one
-    ("rubber_capacity", "inside"), ("road_capacity", "inside"), ("walls", "wall"), ("holder", "wall"),
+    ("block_capacity", "inside"), ("road_capacity", "inside"), ("walls", "wall"), ("holder", "wall"),
     ("friction", "track"), ("resistance", "repetition"),
 ]  # fmt: skip
 
@@ -135,8 +135,8 @@ def test_the_file_reads_like_one_of_the_catalogue(pair, tmp_path):
 
 @pytest.mark.parametrize("name", ["disc", "back board", 'a "b" \\ é {x}'])
 def test_the_file_of_a_layer_names_it_whatever_its_name(name, tmp_path):
-    quantity = replace(QUANTITIES["rubber"], layer=name)
-    (tmp_path / "learned.py").write_text(effect_source(replace(law("rubber", "inside"), quantity=quantity)))
+    quantity = replace(QUANTITIES["block"], layer=name)
+    (tmp_path / "learned.py").write_text(effect_source(replace(law("block", "inside"), quantity=quantity)))
     effect = read(tmp_path / "learned.py")
     scene = SimpleNamespace(layers=[SimpleNamespace(name=name)], in_layer=lambda asked: 1.0 * np.array([asked == name]))
     p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
@@ -171,11 +171,11 @@ def test_places_on_the_track_are_offered_only_where_the_block_comes_round_again(
 
 def test_properties_and_walls_are_offered_where_their_temperature_varies():
     warm, cold = offered(plain_case(), plain_run()), offered(plain_case({"friction.mu": 0.02}))
-    for pair in (("rubber_capacity", "inside"), ("road_capacity", "inside"), ("walls", "wall")):
+    for pair in (("block_capacity", "inside"), ("road_capacity", "inside"), ("walls", "wall")):
         assert pair in warm
         assert pair not in cold
     run = plain_run()
-    assert warm["rubber_capacity", "inside"].nodes == warm["rubber", "inside"].nodes
+    assert warm["block_capacity", "inside"].nodes == warm["block", "inside"].nodes
     assert warm["walls", "wall"].nodes[-1] == pytest.approx(run.T_block.max(), abs=0.5)
     assert ("holder", "wall") not in warm  # heat has not come so far
 
@@ -190,7 +190,7 @@ def test_layers_have_laws_of_their_own_in_place_of_the_block(tmp_path):
     made = offered(case(tmp_path, given={"schedule.wait": 20.0}, text=LAYERED))
     names = {q for q, _ in made}
     assert {"layer_1_conductivity", "layer_1_capacity", "layer_2_conductivity", "layer_2_capacity"} <= names
-    assert not names & {"rubber", "rubber_capacity"}
+    assert not names & {"block", "block_capacity"}
     assert made["layer_2_capacity", "inside"].description == (
         "the heat capacity of layer back board changes with its own temperature"
     )
@@ -280,8 +280,8 @@ def imitation(quantity, regressor, curve, low=20.0, high=80.0, count=17):
 @pytest.mark.parametrize(
     ("quantity", "key", "slope"),
     [
-        ("rubber", "conductivity_slope.block", -0.004), ("road", "conductivity_slope.road", 0.01),
-        ("rubber_capacity", "capacity_slope.block", 0.01), ("road_capacity", "capacity_slope.road", 0.02),
+        ("block", "conductivity_slope.block", -0.004), ("road", "conductivity_slope.road", 0.01),
+        ("block_capacity", "capacity_slope.block", 0.01), ("road_capacity", "capacity_slope.road", 0.02),
     ],
 )  # fmt: skip
 def test_a_law_that_equals_an_effect_of_the_catalogue_gives_its_temperatures(quantity, key, slope, tmp_path):
@@ -352,8 +352,8 @@ def test_a_heat_capacity_that_ends_is_told():
 
 
 def test_each_layer_has_the_heat_capacity_of_its_own_law(tmp_path):
-    quantity = replace(QUANTITIES["rubber_capacity"], name="layer_2_capacity", layer="back board")
-    made = case(tmp_path, replace(law("rubber_capacity", "inside"), quantity=quantity), text=LAYERED)
+    quantity = replace(QUANTITIES["block_capacity"], name="layer_2_capacity", layer="back board")
+    made = case(tmp_path, replace(law("block_capacity", "inside"), quantity=quantity), text=LAYERED)
     balance = Balance(made.scene)
     assert isinstance(balance.heat_capacity, TabulatedCapacity)
     mesh = made.scene.mesh
@@ -361,9 +361,7 @@ def test_each_layer_has_the_heat_capacity_of_its_own_law(tmp_path):
     relative = mesh.planes(balance.stretch(rise))[..., 0]
     hard, soft = mesh.layers
     expected = np.exp(
-        np.interp(
-            30.0, *map(np.array, (law("rubber_capacity", "inside").nodes, law("rubber_capacity", "inside").values))
-        )
+        np.interp(30.0, *map(np.array, (law("block_capacity", "inside").nodes, law("block_capacity", "inside").values)))
     )
     np.testing.assert_array_equal(relative[mesh.block[:, hard]], 1.0)
     np.testing.assert_allclose(relative[mesh.block[:, soft]], expected, rtol=1e-4)
@@ -388,3 +386,8 @@ def test_a_wave_around_the_track_is_told_as_one():
 def test_every_regressor_has_nodes():
     assert set(laws_module._POSITIONS) == set(REGRESSORS)
     assert {r for q in LEARNABLE_QUANTITIES for r in q.regressors} == set(REGRESSORS)
+
+
+def test_laws_of_the_block_name_no_material_that_it_need_not_have():
+    assert not any("rubber" in f"{q.name} {q.description}" for q in LEARNABLE_QUANTITIES)
+    assert QUANTITIES["block_capacity"].description == "the heat capacity of the block"

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.verdict_sentences import is_within_noise
 from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.showing import whole_file
 from flashtemp.viz import html, verdict_tables
@@ -157,20 +158,24 @@ def _gain(v: Verdict) -> list[str]:
         line = f"The base leaves {number(b.rmse_K)} K root mean square (chi2/dof {ratio(b.chi2_per_dof)})"
         left_out = f"; {number(b.held_out_rmse_K)} K on left-out data" if math.isfinite(b.held_out_rmse_K) else ""
         return [f"{line}{left_out}."]
-    line = f"What the extension gains: the differences, noise included, {_from(b.rmse_K, e.rmse_K)} root mean square"
+    fitted = _from(b.rmse_K, e.rmse_K, e.rmse_change_error_K)
+    line = f"What the extension gains: the root mean square of the differences, noise included, {fitted}"
     line += f" (chi2/dof {ratio(b.chi2_per_dof)} to {ratio(e.chi2_per_dof)})"
     if math.isfinite(b.near_contact_rmse_K) and math.isfinite(e.near_contact_rmse_K):
-        line += f", their means over frames near the contact {_from(b.near_contact_rmse_K, e.near_contact_rmse_K)}"
+        line += f", that of means over frames near the contact {_from(b.near_contact_rmse_K, e.near_contact_rmse_K)}"
     if math.isfinite(b.held_out_rmse_K) and math.isfinite(e.held_out_rmse_K):
-        line += f", those of left-out data {_from(b.held_out_rmse_K, e.held_out_rmse_K)}"
+        left_out = _from(b.held_out_rmse_K, e.held_out_rmse_K, e.held_out_change_error_K)
+        line += f", that of left-out data {left_out}"
     return [*_changed(v), f"{line}."]
 
 
-def _from(before: float, after: float) -> str:
-    """A change in K; none where it rounds to nothing."""
+def _from(before: float, after: float, error: float = math.nan) -> str:
+    """A change in K; none where it rounds to nothing, or is less than its statistical `error` allows."""
     if number(before) == number(after):
-        return f"stay at {number(before)} K"
-    return f"{'shrink' if after < before else 'grow'} from {number(before)} K to {number(after)} K"
+        return f"stays at {number(before)} K"
+    if is_within_noise(before, after, error):
+        return f"stays the same ({number(before)} K and {number(after)} K, within noise)"
+    return f"{'falls' if after < before else 'grows'} from {number(before)} K to {number(after)} K"
 
 
 def _changed(v: Verdict) -> list[str]:

@@ -14,19 +14,21 @@ import numpy as np
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.decision import Alternative, Decision, Evidence, decide
+from flashtemp.discovery.decision import Alternative, Decision, Evidence, Rule, decide
 from flashtemp.discovery.diagnostics import description, missing_heat, verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, residual_structure_tests
 from flashtemp.discovery.diagnostics.camera_error_sizes import unusual_camera_errors
 from flashtemp.discovery.diagnostics.cross_validation import (
     CrossValidation,
     cross_validate,
+    rms_change_error,
     without_flexible_terms,
 )
 from flashtemp.discovery.diagnostics.effect_size import LargestChange, largest_change
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
-from flashtemp.discovery.diagnostics.input_checks import InputCheck, InputVerdict, check_inputs, groups_of_inputs
+from flashtemp.discovery.diagnostics.input_checks import FIXED_SHARE, InputCheck, check_inputs, groups_of_inputs
 from flashtemp.discovery.diagnostics.input_columns import add_input_columns
+from flashtemp.discovery.diagnostics.mesh_resolution import lateral_resolution_warnings, unconverged_fit_warnings
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, setup_errors
 from flashtemp.discovery.diagnostics.stated_inputs import stated_inputs
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch
@@ -63,13 +65,14 @@ MAX_IN_MATRIX = 20  # candidates in the separability matrix
 
 @dataclass(frozen=True)
 class ModelAssessment:
-    """A fit, the same as people know the model, what each recording shows against it, and left-out data."""
+    """A fit, the same as people know the model, what each recording shows against it, and data left out, by each."""
 
     fit: Fit
     known: Fit
     seeings: tuple[Any, ...]
     pullings: tuple[Any, ...]
     left_out: CrossValidation
+    known_left_out: CrossValidation
     metrics: Fitness
 
 
@@ -116,12 +119,14 @@ def calibrate(problem: Problem, first: list[Prediction], watch: Watch) -> tuple[
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
     data = Data.begin(problem, first, coarser_predictions(problem))
+    for warning in lateral_resolution_warnings(data, first, len(COARSER)):
+        watch(warning)
     tasks = problem.tasks(problem.start, replace(all_derivatives(problem), fields=True))
     start = Linearisation(problem.start, tuple(tasks), tuple(first), System(data.blocks(first)))
     watch("calibrating the stated model")
     base = settle(Hypothesis(problem, data, problem.start), start, watch)
-    watch(f"sensitivities of {len(problem.tried)} candidates")
-    return problem, data, with_candidates(problem, data, base, problem.tried, watch)
+    watch(f"sensitivities of {len(problem.candidates)} candidates")
+    return problem, data, with_candidates(problem, data, base, problem.candidates, watch)
 
 
 def with_law(verdict: Verdict, search: Search, watch: Watch) -> tuple[Verdict, Search]:
@@ -177,8 +182,9 @@ def assess_model(search: Search, fit: Fit) -> ModelAssessment:
     """Everything that is asked of the base model and of the extended one alike."""
     known = without_flexible_terms(fit)
     seeings, pullings = description.compare_all_recordings(search, known)
-    metrics = description.summary_metrics(known, seeings, cross_validate(search.data, known))
-    return ModelAssessment(fit, known, seeings, pullings, cross_validate(search.data, fit), metrics)
+    left_out, known_left_out = (cross_validate(search.data, f) for f in (fit, known))
+    metrics = description.summary_metrics(known, seeings, known_left_out)
+    return ModelAssessment(fit, known, seeings, pullings, left_out, known_left_out, metrics)
 
 
 def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Verdict:
@@ -217,13 +223,6 @@ class Questioned:
     checks: tuple[InputCheck, ...]
     groups: tuple[tuple[str, ...], ...]
     system: System
-
-    @property
-    def contradicted(self) -> tuple[InputCheck, ...]:
-        """Those that the data contradict, beyond doubt and chance, the most certain first."""
-        bad = [c for c in self.checks
-               if c.verdict is InputVerdict.CONTRADICTED and c.ln_bayes > CRITERIA.ln_bayes_hint]  # fmt: skip
-        return tuple(sorted(bad, key=lambda c: -c.ln_bayes))
 
 
 def question_inputs(search: Search, final: Fit, watch: Watch) -> Questioned:
@@ -317,7 +316,7 @@ def describe(
     )
     unusual = [e for e in setup if e.is_unusual(CRITERIA)]
     named_setup = [e for e in unusual if not e.is_input] if kind not in ("no_verdict", "unexplained") else []
-    separable = separability(search.base, problem.tried)
+    separable = separability(search.base, problem.candidates)
     order = np.argsort(-separable.z)[:MAX_IN_MATRIX]
     shown = extended if shows_cause else base
     verdict = Verdict(
@@ -328,7 +327,7 @@ def describe(
         group=decision.group,
         next_experiment=_next_experiment(search, decision.group),
         base=base.metrics,
-        extended=extended.metrics if causes else None,
+        extended=_with_change_errors(base, extended) if causes else None,
         rivals=description.rejected_candidates(search, accepted),
         nuisance=description.calibrated_parameters(search, final),
         tests=(*residual_structure_tests(base.known, 1, "before"),
@@ -347,8 +346,8 @@ def describe(
         not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
         certain=tuple(c.effect for c in causes if c.effect not in decision.group) if kind == "group" else (),
         laboratory=tuple(_found(e) for e in setup if not e.is_unusual(CRITERIA)),
-        held_key=_held_key(inputs, unusual) if kind in ("held_key", "group", "named") else None,
-        rules=tuple(RuleResult(**asdict(r)) for r in decision.rules),
+        held_key=_held_key(problem, final, inputs, unusual) if kind in ("held_key", "group", "named") else None,
+        rules=tuple(map(_rule_result, decision.rules)),
         inputs=tuple(map(_input_result, inputs.checks)),
         inputs_told_together=inputs.groups,
     )  # fmt: skip
@@ -360,7 +359,7 @@ def _recording_cause(e: RecordingError) -> Cause:
     return Cause(str(e.kind), e.words, (), 2.0 * gain, 0.0, 1.0, ln_bayes=gain, laboratory=True)
 
 
-def _held_key(inputs: Questioned, unusual: list[SetupError]) -> Held | None:
+def _held_key(problem: Problem, final: Fit, inputs: Questioned, unusual: list[SetupError]) -> Held | None:
     """The stated input that explains what a cause would, the most certain first."""
     e = next((e for e in unusual if e.is_input), None)
     check = next((c for c in inputs.checks if e is not None and c.input.key == e.name), None)
@@ -369,7 +368,11 @@ def _held_key(inputs: Questioned, unusual: list[SetupError]) -> Held | None:
     i = check.input
     value = i.value * math.exp(e.value) if i.relative else i.value + e.value
     sd = value * e.stderr if i.relative else e.stderr
-    return Held(i.key, i.value, value, sd, i.unit, e.ln_bayes, False, e.words)
+    # free keys follow an input that is corrected: what it had to explain before is taken from them
+    fixed = final.nuisances | {e.parameter: (e.value, FIXED_SHARE * i.sd)}
+    solution = inputs.system.solve(fixed, inputs.system.total(variances=final.hyper.variances))
+    calibrated = {p.name: problem.case[p.name] * math.exp(final.model.free[p.name] + solution[p]) for p in problem.free}
+    return Held(i.key, i.value, value, sd, i.unit, e.ln_bayes, e.words, calibrated)
 
 
 def _setup_cause(e: SetupError) -> Cause:
@@ -396,10 +399,16 @@ def _input_result(c: InputCheck) -> InputResult:
     )  # fmt: skip
 
 
+def _rule_result(r: Rule) -> RuleResult:
+    """A rule with a text that is true of how it ended."""
+    found = RuleResult(**asdict(r))
+    return replace(found, consequence=verdict_sentences.describe_success(found)) if r.passed else found
+
+
 def _next_experiment(search: Search, group: tuple[str, ...]) -> str:
     if not group or not all(name in search.problem.case.known for name in group):
         return ""
-    fit = with_candidates(search.problem, search.data, search.best, search.problem.tried, lambda text: None)
+    fit = with_candidates(search.problem, search.data, search.best, search.problem.candidates, lambda text: None)
     return experiment_design.suggest_experiment(search.problem, fit, group)
 
 
@@ -424,6 +433,13 @@ def _certificate(search: Search) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _with_change_errors(base: ModelAssessment, extended: ModelAssessment) -> Fitness:
+    """The metrics of an extended model with the standard errors of what changes from the base."""
+    fitted = rms_change_error(*(description.fitted_residuals(m.seeings) for m in (base, extended)))
+    left_out = rms_change_error(base.known_left_out.residuals, extended.known_left_out.residuals)
+    return replace(extended.metrics, rmse_change_error_K=fitted, held_out_z_change_error=left_out)
+
+
 def _gain(change: LargestChange | None, base: ModelAssessment, extended: ModelAssessment) -> dict[str, Any] | None:
     if change is None:
         return None
@@ -438,8 +454,10 @@ def _gain(change: LargestChange | None, base: ModelAssessment, extended: ModelAs
 def _warnings(search: Search, final: Fit) -> tuple[str, ...]:
     problem = search.problem
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
-    out += [verdict_sentences.describe_assumed_optics(file, names) for file, names in problem.untold.items()]
+    out += [verdict_sentences.describe_assumed_optics(*item) for item in problem.assumed_camera_facts.items()]
     out += unusual_camera_errors(search.data, final)
+    out += lateral_resolution_warnings(search.data, search.base.predictions, len(COARSER))
+    out += unconverged_fit_warnings(search.fits, problem.case["numerics.mesh"])
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:
             out.append(

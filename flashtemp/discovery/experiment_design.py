@@ -138,7 +138,7 @@ def plan(problem: Problem, watch: Watch = lambda text: None) -> Outlook:
     watch(f"traces of all candidates under {len(problem.conditions)} conditions")
     predictions = problem.predictions(problem.tasks(model, _everything(problem)))
     fit = _blank_fit(problem, model, predictions)
-    separable = separability(fit, problem.tried)
+    separable = separability(fit, problem.candidates)
     prospects = _prospects(problem, fit, separable)
     weak = [p.effect for p in prospects if p.z > NOTHING and not p.separable]
     gone = time.monotonic() - began
@@ -206,7 +206,7 @@ def _wider(problem: Problem, fit: Fit, task: Task, prediction: Prediction) -> Fi
 
 
 def _everything(problem: Problem) -> Derivatives:
-    return Derivatives(problem.free, True, MODES, False, problem.tried, True, True)
+    return Derivatives(problem.free, True, MODES, False, problem.candidates, True, True)
 
 
 def _noises(problem: Problem) -> dict[str, Noise]:
@@ -232,7 +232,7 @@ def _sizes(tried: Sequence[Candidate]) -> dict[str, tuple[ParameterId, float]]:
 
 def _left(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float]:
     """Signal to noise that is left of typical strengths while all nuisances and rivals are free."""
-    sizes = {e: v for e, v in _sizes(problem.tried).items() if v[0] in fit.system.index}
+    sizes = {e: v for e, v in _sizes(problem.candidates).items() if v[0] in fit.system.index}
     own = {p: v for p, v in fit.priors.items() if p not in {column for column, _ in sizes.values()}}
     out = {}
     for effect in effects:
@@ -247,7 +247,7 @@ def _left(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float]:
 
 def _prospects(problem: Problem, fit: Fit, separable: Separability) -> tuple[Detectability, ...]:
     left = _left(problem, fit, list(separable.names))
-    by_name: dict[str, Candidate] = {c.effect: c for c in problem.tried}
+    by_name: dict[str, Candidate] = {c.effect: c for c in problem.candidates}
     out = []
     for i, effect in enumerate(separable.names):
         c, z = by_name[effect], float(separable.z[i])

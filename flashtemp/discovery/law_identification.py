@@ -282,7 +282,7 @@ def _fit_refined(search: Search, found: FittedLaw, nodes: tuple[float, ...], wat
     scored = replace(found.scored, law=replace(law, nodes=nodes, values=tuple(values.tolist())))
     problem, data, candidate = _with_law(search, scored)
     model = fit.model.with_effect(EFFECT_NAME, dict(zip(candidate.strengths, values.tolist(), strict=True)))
-    own = tuple(c for c in problem.tried if c.effect in model.effects)
+    own = tuple(c for c in problem.candidates if c.effect in model.effects)
     tasks = problem.tasks(model, Derivatives(own=tuple(candidate.columns())))
     predictions = problem.predictions(tasks)
     system = _joined(data, predictions, fit, own)
@@ -293,7 +293,7 @@ def _fit_refined(search: Search, found: FittedLaw, nodes: tuple[float, ...], wat
 def _finalise(search: Search, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: Watch) -> IdentifiedLaw:
     """The law with exact derivatives at its best point, and what of the catalogue may still matter beside it."""
     problem, data = found.problem, replace(search.data, problem=found.problem)
-    before = search.ranking[0] if search.ranking else scores(search.problem, search.base, search.problem.tried)
+    before = search.ranking[0] if search.ranking else scores(search.problem, search.base, search.problem.candidates)
     more = worth_another_look(search.problem, search.base, found.fit, before)
     watch(f"candidates beside {found.law.description}")
     best = with_candidates(problem, data, found.fit, more, watch)
@@ -303,7 +303,7 @@ def _finalise(search: Search, found: FittedLaw, scored: tuple[ScoredLaw, ...], w
     after = replace(
         search, problem=problem, data=replace(data, problem=problem), best=best,
         fits=search.fits | {frozenset(best.model.effects): best},
-        ranking=(before, scores(problem, best, problem.tried)),
+        ranking=(before, scores(problem, best, problem.candidates)),
     )  # fmt: skip
     return IdentifiedLaw(*_centre(law, node_covariance(best, len(law.nodes))), after, scored)
 
@@ -348,8 +348,8 @@ def _with_laws(
     own = tuple(law.as_effect(name) for name, law in laws.items())
     case = replace(problem.case, own=(*(o for o in problem.case.own if o.name not in laws), *own))
     found = {c.effect: c for c in candidates(case, tuple(laws))[0]}
-    tried = (*(c for c in problem.tried if c.effect not in laws), *found.values())
-    wider = replace(problem, case=case, tried=tried)
+    every = (*(c for c in problem.candidates if c.effect not in laws), *found.values())
+    wider = replace(problem, case=case, candidates=every)
     return wider, replace(data, problem=wider), found
 
 
@@ -363,7 +363,7 @@ def _with_law(search: Search, scored: ScoredLaw) -> tuple[Problem, Data, Candida
 def _with_sensitivities(problem: Problem, search: Search, laws: tuple[Candidate, ...]) -> Fit:
     """The calibrated base with sensitivities of laws in place of those of the catalogue.  Raises SolverFailure."""
     fit, data = search.base, replace(search.data, problem=problem)
-    own = tuple(c for c in problem.tried if c.effect in fit.model.effects)
+    own = tuple(c for c in problem.candidates if c.effect in fit.model.effects)
     predictions = problem.predictions(problem.tasks(fit.model, Derivatives(candidates=laws)))
     return replace(fit, system=_joined(data, predictions, fit, own))
 

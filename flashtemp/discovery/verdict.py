@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.recording import VIEWS
 from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.showing import Sheet, Shown
 
@@ -107,8 +108,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Held:
-    """A key of the case that was held and explains what a cause would: `told` in the case, `value` with `stderr` that
-    the data want, `ln_bayes` of freeing it; `freed`: all else here was found with it free."""
+    """A stated number that explains what a cause would: `told` by case or recording, `value` with `stderr` that the
+    data want, `ln_bayes` of freeing it; `calibrated` values of the free keys with the number corrected."""
 
     key: str
     told: float
@@ -116,8 +117,13 @@ class Held:
     stderr: float
     unit: str
     ln_bayes: float
-    freed: bool
     words: str
+    calibrated: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def is_of_case(self) -> bool:
+        """Whether it is a key of the case, not what a recording states of its camera."""
+        return self.key.partition(".")[0] not in VIEWS
 
 
 @dataclass(frozen=True)
@@ -152,7 +158,11 @@ class LearnedLaw:
 
 @dataclass(frozen=True)
 class Fitness:
-    """How well a model does: over all that was fitted, over what was left out, and on means over frames (K)."""
+    """How well a model does: over all that was fitted, over what was left out, and on means over frames (K).
+
+    Of an extended model `rmse_change_error_K` and `held_out_z_change_error` are the standard errors of what `rmse_K`
+    and `held_out_z` change from the base; NaN where they are not known.
+    """
 
     rmse_K: float
     chi2_per_dof: float
@@ -160,6 +170,13 @@ class Fitness:
     held_out_z: float
     mean_map_rmse_K: float = float("nan")
     near_contact_rmse_K: float = float("nan")
+    rmse_change_error_K: float = float("nan")
+    held_out_z_change_error: float = float("nan")
+
+    @property
+    def held_out_change_error_K(self) -> float:
+        """Standard error of what `held_out_rmse_K` changes from the base."""
+        return self.held_out_z_change_error * self.held_out_rmse_K / self.held_out_z if self.held_out_z else 0.0
 
 
 @dataclass(frozen=True)
@@ -195,7 +212,7 @@ class Missing:
 class RuleResult:
     """One rule on the way to the verdict: what was asked, `value` against `limit`, whether it `passed`.
 
-    `consequence`: what follows where it did not.
+    `consequence`: what is true where it passed, or what follows where it did not.
     """
 
     name: str
@@ -285,9 +302,15 @@ class Verdict(Shown):
     inputs_told_together: tuple[tuple[str, ...], ...] = ()
 
     @property
+    def corrected_key(self) -> Held | None:
+        """The key of the case that is corrected where a stated number is all that is wrong."""
+        held = self.held_key
+        return held if held is not None and self.kind == "held_key" and held.is_of_case else None
+
+    @property
     def extends(self) -> bool:
-        """Whether there is an extended case: a cause that is physics, or a key to put right."""
-        return any(not c.laboratory for c in self.causes) or (self.held_key is not None and self.held_key.freed)
+        """Whether there is an extended case: a cause that is physics, or a key to correct."""
+        return any(not c.laboratory for c in self.causes) or self.corrected_key is not None
 
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""

@@ -15,7 +15,7 @@ import test_mutants
 import test_values
 
 ROOT = Path(__file__).parents[2]
-KEPT = shutil.ignore_patterns(".*", "results", "build", "*.egg-info", "pictures", "benchmarks")
+KEPT = shutil.ignore_patterns(".*", "results", "build", "*.egg-info", "pictures")
 
 
 def some(all_: list, seed: int, share: float) -> list:

@@ -21,13 +21,17 @@ Keep = Callable[[Block], bool]
 @dataclass(frozen=True)
 class CrossValidation:
     """Data left out, fold by fold: joint ln probability of each fold given the rest, `density` (folds,), root mean
-    square of what is left in K and in standard deviations, and chi2 less its expectation, `excess`."""
+    square of what is left in K and in standard deviations, and chi2 less its expectation, `excess`.
+
+    `residuals` (n,) of all that was left out, in standard deviations.
+    """
 
     labels: tuple[str, ...]
     density: Array
     rmse_K: float
     z: float
     excess: float
+    residuals: Array
 
     @property
     def is_held_out(self) -> bool:
@@ -48,20 +52,36 @@ def cross_validate(data: Data, fit: Fit) -> CrossValidation:
     """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
     system, variances = fit.system, fit.hyper.variances
     folds = _folds(system)
-    densities, squares, kelvins, count, total = [], 0.0, 0.0, 0, 0
+    densities, residuals, kelvins, count, total = [], [], 0.0, 0, 0
     for inside in folds.values():
         every = system.solve(fit.priors, system.total(_with(inside), variances))
         rest = system.solve(fit.priors, system.total(_without(inside), variances))
         densities.append(every.ln_evidence - rest.ln_evidence)
         for block in (b for b in system.blocks if inside(b)):
             left = _predicted(system, fit, rest, block)
-            squares += float(left @ left)
+            residuals.append(left)
             total += block.count
             if block.label in data.noises:
                 kelvins += float(left @ left) * data.noises[block.label].white ** 2
                 count += len(left)
+    left_out = np.concatenate(residuals) if residuals else np.zeros(0)
+    squares = float(left_out @ left_out)
     rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
-    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares - total)
+    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares - total, left_out)
+
+
+def rms_change_error(before: Array, after: Array) -> float:
+    """Standard error of the change of a root mean square, from residuals (n,) of two models of the same data.
+
+    Both share the noise of the data, so that the error is that of the paired differences of squares; NaN without data.
+
+    >>> rms_change_error(np.array([1.0, -1.0]), np.array([1.0, 1.0]))
+    0.0
+    """
+    if not len(before) or len(before) != len(after):
+        return float("nan")
+    change, rms = after**2 - before**2, sum(float(np.sqrt(np.mean(r**2))) for r in (before, after))
+    return float(np.std(change) / np.sqrt(len(change)) / max(rms, 1e-300))
 
 
 def _folds(system: System) -> dict[str, Keep]:

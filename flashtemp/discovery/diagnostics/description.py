@@ -46,7 +46,9 @@ def compare_all_recordings(search: Search, fit: Fit) -> tuple[tuple[Seeing, ...]
             observable = prediction.observables[view.file]
             predicted = np.array(observable.values, dtype=float)
             predicted[:, observable.inside] += _change(search.data, fit, blocks[view.file])
-            left = np.where(observable.inside, view.recording.temperature - predicted, np.nan)
+            left = np.full(predicted.shape, np.nan)  # what no fit compares, such as a wake that just begins, stays out
+            difference = view.recording.temperature[:, observable.inside] - predicted[:, observable.inside]
+            left[:, observable.inside] = np.where(search.data.known[view.file], difference, np.nan)
             u, v = (_sd(fit.solution, ParameterId(axis, file=view.file)) for axis in SHIFTS)
             noise, shift = search.data.noises[view.file], fit.model.shift(view.file)
             seeings[view.file] = judge(view, predicted, left, noise, shift, (u, v))
@@ -68,15 +70,21 @@ def _sd(solution: Solution, p: ParameterId) -> float:
     return solution.sd(p) if p in solution.names else 0.0
 
 
+def fitted_residuals(seeings: Sequence[Seeing]) -> Array:
+    """Measured less predicted (n,) K of all recordings that are fitted; of all where every one is held out."""
+    fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
+    kept = [s.residual[np.isfinite(s.residual)] for s in fitted]
+    return np.concatenate(kept) if kept else np.zeros(0)
+
+
 def summary_metrics(fit: Fit, seeings: Sequence[Seeing], out: CrossValidation) -> Fitness:
     """The numbers of a model for people."""
     fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
-    squares = sum(s.rmse_K**2 * s.pixels for s in fitted)
-    count = sum(s.pixels for s in fitted)
+    left = fitted_residuals(seeings)
     maps = [time_mean_rmse(s.residual) for s in fitted]
     near = [near_contact_rmse(s.view, s.residual) for s in fitted if s.view.recording.view != "wake"]
     return Fitness(
-        rmse_K=float(np.sqrt(squares / max(count, 1))) if count else float("nan"),
+        rmse_K=float(np.sqrt(np.mean(left**2))) if len(left) else float("nan"),
         chi2_per_dof=fit.chi2 / max(fit.solution.count, 1),
         held_out_rmse_K=out.rmse_K,
         held_out_z=out.z,
@@ -99,7 +107,7 @@ def describe_cause(search: Search, fit: Fit, effect: str, heldout_gain: float) -
         parameters=tuple(_estimate(search, fit, p) for p in (*own, *bound)),
         delta_chi2=_same_freedom(without, fit) - fit.solution.chi2,
         held_out_gain=heldout_gain,
-        distinctness=separability(search.base, search.problem.tried).distinctness(effect),
+        distinctness=separability(search.base, search.problem.candidates).distinctness(effect),
         ln_bayes=fit.ln_evidence - without.ln_evidence,
         z=score.z if score else 0.0,
         raw_share=score.raw_share if score else 0.0,
@@ -125,9 +133,9 @@ def _estimate(search: Search, fit: Fit, p: ParameterId) -> Estimate:
 
 def rejected_candidates(search: Search, accepted: Sequence[str]) -> tuple[Rival, ...]:
     """Every candidate with the reason why it was not chosen."""
-    single = separability(search.base, search.problem.tried)
+    single = separability(search.base, search.problem.candidates)
     out = [_rejected(search, s, single, accepted) for s in (search.ranking[0] if search.ranking else ())]
-    out += [Rival(e, 0.0, 0.0, f"not tried: {why}", seen=0.0) for e, why in search.problem.left.items()]
+    out += [Rival(e, 0.0, 0.0, f"not tried: {why}", seen=0.0) for e, why in search.problem.excluded_candidates.items()]
     return tuple(sorted(out, key=lambda r: -r.score))
 
 

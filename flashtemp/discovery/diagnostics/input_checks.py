@@ -16,7 +16,7 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, System
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
 CORRELATION_TOLD_TOGETHER = 0.9  # of columns that nuisances cannot absorb
@@ -37,9 +37,8 @@ class InputCheck:
     """A stated `input` against the data: `estimate` and `sd` (unit of the input, K for degC) are from the data alone.
 
     `shift` is estimate less stated value in prior standard deviations, `pull` the same in standard deviations of both,
-    `ln_bayes` of freeing the input with its prior against holding it.  `sd_ratio` posterior over prior standard
-    deviation; `influence` what one prior standard deviation changes in all data together, in sigma of their noise, if
-    nothing else moves; `entangled` nuisances of the fit with which the estimate goes up and down.
+    `ln_bayes` of freeing the input with its prior against holding it.  `influence` is what one prior standard deviation
+    changes in all data together, in sigma of their noise, if nothing else moves.
     """
 
     input: StatedInput
@@ -48,10 +47,8 @@ class InputCheck:
     shift: float
     pull: float
     ln_bayes: float
-    sd_ratio: float
     influence: float
     verdict: InputVerdict
-    entangled: tuple[ParameterId, ...] = ()
 
     @property
     def words(self) -> str:
@@ -85,7 +82,7 @@ def check_inputs(
 def _check(system: System, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float) -> InputCheck:
     column = column_of(system, i)
     if column is None:
-        return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 1.0, 0.0, InputVerdict.NOT_CHECKABLE)
+        return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 0.0, InputVerdict.NOT_CHECKABLE)
     twin = _twin(nuisances, i)
     mean = nuisances[twin][0] if twin else 0.0
     others = {p: prior for p, prior in nuisances.items() if p != twin}
@@ -101,8 +98,7 @@ def _check(system: System, nuisances: Priors, total: NormalEquations, i: StatedI
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     return InputCheck(
-        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, ratio, influence, _verdict(ratio, pull),
-        _entangled(found, column),
+        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, influence, _verdict(ratio, pull),
     )  # fmt: skip
 
 
@@ -119,14 +115,6 @@ def _verdict(ratio: float, pull: float) -> InputVerdict:
     if ratio > CRITERIA.sd_ratio_uncheckable:
         return InputVerdict.NOT_CHECKABLE
     return InputVerdict.CONTRADICTED if abs(pull) > CRITERIA.pull_input else InputVerdict.CONSISTENT
-
-
-def _entangled(found: Solution, column: ParameterId) -> tuple[ParameterId, ...]:
-    """Nuisances whose posterior is nearly that of the input, the nearest first."""
-    k, sd = found.names.index(column), np.sqrt(np.diag(found.covariance))
-    rho = np.abs(found.covariance[k] / (sd * sd[k]))
-    order = [n for n in np.argsort(-rho).tolist() if n != k and rho[n] > CORRELATION_TOLD_TOGETHER]
-    return tuple(found.names[n] for n in order)
 
 
 def column_of(system: System, i: StatedInput) -> ParameterId | None:

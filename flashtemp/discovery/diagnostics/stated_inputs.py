@@ -18,7 +18,7 @@ from flashtemp.discovery.hypotheses.input_kinds import (
     input_kind,
     physical_keys,
 )
-from flashtemp.discovery.parameters import ParameterId, Prior, Priors
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
@@ -53,16 +53,6 @@ class StatedInput:
     def parameter(self) -> ParameterId:
         """Its column in predictions: per ln of the value, or per unit."""
         return ParameterId.of_input(self.key)
-
-    @property
-    def prior(self) -> Prior:
-        """Mean and standard deviation of the change from what is stated."""
-        return 0.0, self.sd
-
-
-def input_priors(inputs: tuple[StatedInput, ...]) -> Priors:
-    """Priors of the changes of inputs, by their columns."""
-    return {i.parameter: i.prior for i in inputs}
 
 
 def stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:

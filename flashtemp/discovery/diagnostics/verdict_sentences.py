@@ -10,13 +10,14 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
-from flashtemp.discovery.prediction.problem import UNSAID
+from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
 from flashtemp.discovery.verdict import Cause, Estimate, Held, InputResult, LearnedLaw, RuleResult, Verdict
 from flashtemp.physics.effect import Effect
 
 MAX_LISTED = 3  # of each kind in the text; the report lists all
 CLEARLY_VISIBLE_SIGMA = 5.0  # of a typical amplitude: data that show most candidates less clearly say little
 SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must move to be mentioned
+CHANGE_STANDARD_ERRORS = 2.0  # by which a root mean square must change not to be called the same: 1 in 20 by chance
 LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
 NUISANCE_WORDS = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
@@ -89,6 +90,18 @@ def describe_rule(name: str) -> RuleWords:
     return ADEQUACY_WORDS.get(name) or DECISION_WORDS.get(name) or RuleWords(name[:1].upper() + name[1:], "")
 
 
+def describe_success(rule: RuleResult) -> str:
+    """What is true where a rule passed.
+
+    >>> describe_success(RuleResult("the evidence is strong", 58.0, 8.0, True, ""))
+    'The evidence for the cause is strong (ln Bayes factor: 58, at least 8)'
+    """
+    words = describe_rule(rule.name)
+    limit = "at most" if words.is_upper else "at least"
+    measured = f" ({words.measured_by}: {rule.value:.3g}, {limit} {rule.limit:.3g})" if words.measured_by else ""
+    return f"{words.passes}{measured}"
+
+
 def describe_failure(rule: RuleResult) -> str:
     """What follows from a rule that did not pass."""
     words = ADEQUACY_WORDS.get(rule.name)
@@ -127,7 +140,10 @@ def describe_nuisance(p: ParameterId) -> str:
 
 def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
     """Which values were assumed for what a recording does not state of its camera."""
-    values, verb = " and ".join(f"{UNSAID[name]:g} px" for name in names), "is" if len(names) == 1 else "are"
+    values, verb = (
+        " and ".join(f"{ASSUMED_CAMERA_VALUES[name]:g} px" for name in names),
+        "is" if len(names) == 1 else "are",
+    )
     return f"{file} does not state its {' and '.join(names)} (see flashtemp import); {values} {verb} assumed"
 
 
@@ -306,8 +322,19 @@ def _gain(v: Verdict) -> Iterator[str]:
         f"{v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
     )
     before, after = f"{v.base.held_out_z:.3g}", f"{v.extended.held_out_z:.3g}"
-    if before != after:
+    if is_within_noise(v.base.held_out_z, v.extended.held_out_z, v.extended.held_out_z_change_error):
+        yield f"Left-out data are predicted as well as before ({before} and {after} sigma, within noise)."
+    elif before != after:
         yield f"Left-out data are predicted to {after} sigma instead of {before}."
+
+
+def is_within_noise(before: float, after: float, error: float) -> bool:
+    """Whether two numbers differ by less than chance may make them differ; `error` of the change, NaN if unknown.
+
+    >>> is_within_noise(0.0587, 0.06, 0.001), is_within_noise(0.0587, 0.06, float("nan"))
+    (True, False)
+    """
+    return abs(after - before) < CHANGE_STANDARD_ERRORS * error
 
 
 def _alternative(v: Verdict) -> Iterator[str]:

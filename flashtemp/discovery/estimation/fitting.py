@@ -72,7 +72,7 @@ class Hypothesis:
     @classmethod
     def extending(cls, problem: Problem, data: Data, parent: Fit, effects: Sequence[Candidate]) -> Hypothesis:
         """A fit with more effects, all of them off at first; their derivatives there belong to the parent's system."""
-        model, own = parent.model, [c for c in problem.tried if c.effect in parent.model.effects]
+        model, own = parent.model, [c for c in problem.candidates if c.effect in parent.model.effects]
         for c in effects:
             model = model.with_effect(c.effect, c.off())
         return cls(problem, data, model, (*own, *effects), parent)

@@ -96,7 +96,7 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
         elif p.kind in (Kind.MODE, Kind.TREND):
             out[p] = (0.0, MODE / p.index[0])
         elif p.kind in GROUPS:
-            unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.untold.get(p.file, ())
+            unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.assumed_camera_facts.get(p.file, ())
             out[p] = (0.0, UNSURE if unsure else GROUPS[p.kind])
     return out
 

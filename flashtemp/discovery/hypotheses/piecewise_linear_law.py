@@ -102,13 +102,13 @@ LEARNABLE_QUANTITIES = (
         ("speed", "pressure", "place", "slid", "passed", "time", "repetition", "track"), 2e-5, "m2K/W",
     ),
     LearnableQuantity(
-        "rubber", "the thermal conductivity of the rubber", "factor", ("block.conductivity",), ("inside",), 0.3,
+        "block", "the thermal conductivity of the block", "factor", ("block.conductivity",), ("inside",), 0.3,
     ),
     LearnableQuantity(
         "road", "the thermal conductivity of the road", "factor", ("road.conductivity",), ("inside",), 0.3,
     ),
     LearnableQuantity(
-        "rubber_capacity", "the heat capacity of the rubber", "factor", ("block.heat_capacity",), ("inside",), 0.3,
+        "block_capacity", "the heat capacity of the block", "factor", ("block.heat_capacity",), ("inside",), 0.3,
     ),
     LearnableQuantity(
         "road_capacity", "the heat capacity of the road", "factor", ("road.heat_capacity",), ("inside",), 0.3,

@@ -170,7 +170,7 @@ def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Pr
         new = replace(c, views=views)
         if new.entries:
             conditions.append(new)
-            pins.append(own if views == c.views else _pins(problem.campaign, new, list(problem.tried)))
+            pins.append(own if views == c.views else _pins(problem.campaign, new, list(problem.candidates)))
     right = {v.file: v for c in conditions for v in c.views}
     views = tuple(right[v.file] for v in problem.campaign.views if v.file in right)
     poses = {file: pose for e in errors for file, pose in e.poses.items()}

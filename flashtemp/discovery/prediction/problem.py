@@ -26,7 +26,7 @@ from flashtemp.solver.circular_track import remembers
 LEAST = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 FINE = 1e-4
-UNSAID = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not say it
+ASSUMED_CAMERA_VALUES = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not say it
 
 Run = Callable[[list[Task]], Sequence[Prediction | FlashtempError]]
 
@@ -35,22 +35,22 @@ Run = Callable[[list[Task]], Sequence[Prediction | FlashtempError]]
 class Problem:
     """What does not change while a campaign is fitted.
 
-    `pins` of the mesh per condition; `tried` candidates and `left` {effect: why it cannot be tried}; `run` maps
-    `predict` over tasks and gives failures as answers.  Images that were seen to lie far from where they are stated to
-    begin at their `places` and `shifts`.  `untold` {recording: what of UNSAID it does not say}.  `screening`
-    {recording: which defects of its camera were found}.
+    `pins` of the mesh per condition; `candidates` and `excluded_candidates` {effect: why it cannot be tried}; `run`
+    maps `predict_condition` over tasks and gives failures as answers.  Images that were seen to lie far from where they
+    are stated to begin at their `places` and `shifts`.  `assumed_camera_facts` {recording: which of
+    ASSUMED_CAMERA_VALUES it does not state}.  `screening` {recording: which defects of its camera were found}.
     """
 
     campaign: Campaign
     conditions: tuple[Condition, ...]
     pins: tuple[dict[str, Any], ...]
-    tried: tuple[Candidate, ...]
-    left: dict[str, str]
+    candidates: tuple[Candidate, ...]
+    excluded_candidates: dict[str, str]
     run: Run
     case: Case
     places: dict[str, Place] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
-    untold: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    assumed_camera_facts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     screening: dict[str, str] = field(default_factory=dict)
 
     def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
@@ -103,9 +103,9 @@ def prepare_problem(campaign: Campaign, run: Run) -> Problem:
     """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
         raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
-    untold = {v.file: missing for v in campaign.views if (missing := _untold(v))}
+    assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
-    campaign = average_frames(replace(campaign, views=tuple(map(_told, campaign.views))))
+    campaign = average_frames(replace(campaign, views=tuple(map(_with_assumed_facts, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]
@@ -115,23 +115,24 @@ def prepare_problem(campaign: Campaign, run: Run) -> Problem:
             )
         check_free_key(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
-    tried, left = candidates(case, named)
-    pins = tuple(_pins(campaign, c, tried) for c in campaign.conditions)
+    found, excluded = candidates(case, named)
+    pins = tuple(_pins(campaign, c, found) for c in campaign.conditions)
     return Problem(
-        campaign, campaign.conditions, pins, tuple(tried), left, run, case, untold=untold, screening=screening
-    )
+        campaign, campaign.conditions, pins, tuple(found), excluded, run, case, assumed_camera_facts=assumed,
+        screening=screening,
+    )  # fmt: skip
 
 
-def _untold(view: View) -> tuple[str, ...]:
+def _unstated_facts(view: View) -> tuple[str, ...]:
     """What an image does not say of its camera: nobody knows exactly where it lies, and no optics are sharp."""
     if view.recording.view not in ("sidewall", "wake"):
         return ()
-    return tuple(name for name in UNSAID if getattr(view.recording, name) is None)
+    return tuple(name for name in ASSUMED_CAMERA_VALUES if getattr(view.recording, name) is None)
 
 
-def _told(view: View) -> View:
+def _with_assumed_facts(view: View) -> View:
     """A view with what is usual for what it does not say."""
-    usual: dict[str, Any] = {name: UNSAID[name] for name in _untold(view)}
+    usual: dict[str, Any] = {name: ASSUMED_CAMERA_VALUES[name] for name in _unstated_facts(view)}
     return replace(view, recording=replace(view.recording, **usual)) if usual else view
 
 
@@ -145,10 +146,10 @@ def check_free_key(campaign: Campaign, case: Case, key: str) -> None:
         raise BadInput(f"{campaign.case}: free: {key!r} changes the {what}; free a parameter of the physics instead")
 
 
-def _pins(campaign: Campaign, condition: Condition, tried: list[Candidate]) -> dict[str, Any]:
+def _pins(campaign: Campaign, condition: Condition, found: list[Candidate]) -> dict[str, Any]:
     """Overrides that give a condition one mesh, whatever is tried on it."""
     case = campaign.load(condition.given)
-    others = [c.effect for c in tried if not c.optical]
+    others = [c.effect for c in found if not c.optical]
     scenes = [case.scene, *(case.with_values({"effects": [*case.effects, other]}).scene for other in others)]
     meshes = [s.mesh for s in scenes]
     returns = len(case.scene.schedule.directions) > 1 or any(map(remembers, scenes))

@@ -57,7 +57,7 @@ def with_candidates(
 
     Raises SolverFailure.
     """
-    own = [c for c in problem.tried if c.effect in fit.model.effects]
+    own = [c for c in problem.candidates if c.effect in fit.model.effects]
     others = tuple(c for c in candidates if c.effect not in fit.model.effects)
     h = Hypothesis(problem, data, fit.model, tuple(own), keeps_candidates=True)
     wanted = replace(h.all_derivatives(), candidates=others, inputs=inputs)
@@ -79,7 +79,7 @@ def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
     """Extend a calibrated base as long as the evidence asks for it.  Raises SolverFailure."""
     search = Search(problem, data, base, base, {frozenset(): base})
     for _ in range(int(CRITERIA.max_causes)):
-        ranked = scores(problem, search.best, problem.tried)
+        ranked = scores(problem, search.best, problem.candidates)
         search = _fit_shortlist(replace(search, ranking=(*search.ranking, ranked)), ranked, watch)
         found = _worth_its_parameters(search)
         if found is None:
@@ -88,7 +88,7 @@ def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
         watch(f"candidates beside {' and '.join(sorted(names_of(found)))}")
         best = with_candidates(problem, data, found, more, watch)
         search = replace(search, best=best, fits=search.fits | {names_of(best): best})
-    last = scores(problem, search.best, problem.tried)
+    last = scores(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
 
 

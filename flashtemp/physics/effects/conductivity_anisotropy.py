@@ -14,7 +14,7 @@ from flashtemp.physics.effect import Effect, Factor, Param
 class ConductivityAnisotropy(Effect):
     """Conductivity of the rubber along the direction of sliding over that through its height."""
 
-    cause = "the rubber conducts differently along the block and through its height"
+    cause = "the block conducts differently along its length and through its height"
     source = "calendered and extruded compounds: fillers align, k_x/k_z = 1.1-2"
     uniform = True
     tells = ("profile along the block smoothed", "grows with time", "nothing at a uniform temperature along x")

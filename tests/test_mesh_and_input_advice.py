@@ -1,0 +1,100 @@
+"""What discovery advises beside a cause: a finer mesh across, and a case with a stated number corrected."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flashtemp.discovery.diagnostics import mesh_resolution
+from flashtemp.discovery.diagnostics.extended_case import correct_input, describe_correction
+from flashtemp.discovery.diagnostics.mesh_resolution import lateral_resolution_warnings, unconverged_fit_warnings
+from flashtemp.discovery.engine import COARSER
+from flashtemp.discovery.estimation.linearised_fit import Status
+from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
+from flashtemp.discovery.estimation.nuisance_priors import GROUPS
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.verdict import Held, Verdict
+from flashtemp.model.case import load
+
+WALL = "wall.nc"
+
+
+ACROSS = len(COARSER)
+
+
+def predicted(change_fraction, number=ACROSS):
+    """Data and a prediction of a wall 10 K warm, of which a coarser mesh changes a fraction."""
+    rise = np.full((2, 2, 3), 10.0)
+    rise[0, 0, 0] = 0.0
+    inside = np.ones((2, 3), bool)
+    column = change_fraction * np.sqrt(np.mean(rise**2)) * np.ones((rise.size, 1))
+    fixed = SimpleNamespace(names=(ParameterId(Kind.MESH, (number,)),), F=column)
+    case = {"numerics.across": 8, "numerics.first_y": 5e-4}
+    data = SimpleNamespace(
+        fixed={WALL: fixed}, kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
+    )
+    observable = SimpleNamespace(values=rise, inside=inside)
+    return data, [SimpleNamespace(observables={WALL: observable})]
+
+
+@pytest.mark.parametrize(("times", "count"), [(1.2, 1), (0.8, 0)])
+def test_cells_across_that_err_by_more_than_a_model_may_are_told(times, count):
+    data, predictions = predicted(times * LARGEST_DISCREPANCY / GROUPS[Kind.MESH])
+    lines = lateral_resolution_warnings(data, predictions, len(COARSER))
+    assert len(lines) == count
+    for line in lines:
+        assert line.startswith("numerics.across = 8 with numerics.first_y = 0.0005 may be too coarse: half as many")
+        assert WALL in line
+
+
+def test_a_mesh_in_2d_is_not_judged_across():
+    data, predictions = predicted(1.0, len(COARSER) - 1)
+    assert lateral_resolution_warnings(data, predictions, len(COARSER)) == []
+
+
+@pytest.mark.parametrize(
+    ("status", "deviation", "count"),
+    [(Status.BUDGET, 9.0, 1), (Status.BUDGET, 7.0, 0), (Status.CONVERGED, 9.0, 0), (Status.OUTRUN, 9.0, 0)],
+)
+def test_a_mesh_that_keeps_a_fit_from_its_best_point_is_told(monkeypatch, status, deviation, count):
+    found = {ParameterId(Kind.MESH, (0,), condition=0): -deviation, ParameterId(Kind.GAIN, file=WALL): 99.0}
+    monkeypatch.setattr(mesh_resolution, "normalised_deviations", lambda fit: found)
+    fit = SimpleNamespace(status=status, usable=status in (Status.CONVERGED, Status.STALLED))
+    lines = unconverged_fit_warnings({frozenset({"track_memory"}): fit}, 0.5)
+    assert len(lines) == count
+    for line in lines:
+        assert line.startswith("numerics.mesh = 0.5 may be too coarse: the fit of track_memory did not converge")
+        assert line.endswith("try 1")
+
+
+@pytest.mark.parametrize(
+    ("key", "stated", "wanted", "unit"),
+    [
+        ("materials.asphalt.density", 2300.0, 2530.0, "kg/m3"),
+        ("friction.mu", 0.8, 1.0, "1"),
+        ("ambient.temperature", 20.0, 23.0, "degC"),
+    ],
+)
+def test_the_extended_case_has_the_corrected_number_with_a_comment(tmp_path, key, stated, wanted, unit):
+    (tmp_path / "case.toml").write_text("[friction]\nmu = 0.8\n[ambient]\ntemperature = 20.0\n")
+    held = Held(key, stated, wanted, 0.01, unit, 30.0, "", {"contact.spot_fraction": 0.21})
+    corrected = correct_input(load(tmp_path / "case.toml"), held)
+    (tmp_path / "extended.toml").write_text(describe_correction(held) + corrected.toml())
+    again = load(tmp_path / "extended.toml")
+    own = load(tmp_path / "case.toml")
+    table, name = key.rsplit(".", 1)
+    before = own[key] if table in own.values else stated
+    expected = before + wanted - stated if unit == "degC" else before * wanted / stated
+    assert again[key] == pytest.approx(expected)
+    assert again["contact.spot_fraction"] == pytest.approx(0.21)
+    assert (tmp_path / "extended.toml").read_text().startswith(f"# {key} is corrected from {stated:g} to {wanted:g} +-")
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "extends"),
+    [("held_key", "friction.mu", True), ("named", "friction.mu", False), ("held_key", "sidewall.emissivity", False)],
+)
+def test_a_number_is_corrected_where_it_alone_is_wrong_and_the_case_has_it(kind, key, extends):
+    v = Verdict("a", kind, (), held_key=Held(key, 0.8, 1.0, 0.01, "1", 30.0, ""))
+    assert v.extends == extends
+    assert v.as_dict()["extended_case"] == ("extended.toml" if extends else None)

@@ -198,7 +198,7 @@ def test_debris_film_follows_the_worn_depth_of_the_state(lab):
     """Thickness by marching the balance of feed and loss along the wear of every place."""
     given = [acting("wear", rate=2e-8, energy=0.0), acting("pressure_tilt", a=0.8), acting("debris_film", share=0.05)]
     scene = lab.scene(block_on_road(2e-3), lab.MU, lab.number("contact.heat_split", 1.0), *given, time=0.5)
-    out, worn = at_the_end(lab, scene)
+    out, worn = at_the_end(lab, replace(scene, stiffness=1.4e9))  # springs give way more unevenly than elasticity
     h, steps = 0.0, 4000
     for _ in range(steps):
         h = h + 0.05 * (1 - h / 1e-5) * worn / steps

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from independent_elasticity import ElasticBlock, column_values, crowd_at_ends, gauss
 
+from flashtemp.physics.elastic_block import face_compliance, foundation_stiffness
+from flashtemp.solver.elastic_foundation import ElasticFoundation, Holder
+
 E, L, H, MEAN = 5e6, 0.025, 7e-3, 0.15e6
 COLUMNS = np.linspace(0.0, L, 41)
 
@@ -152,8 +155,6 @@ def heat(x, z):
 
 def face_motion(levels, pressure=None, traction=None, strain=None, poisson=0.49):
     """Motion of the columns towards the holder that the package's compliance gives, m; heat moves them back."""
-    from flashtemp.physics.elastic_block import face_compliance
-
     compliance = face_compliance(GRADED, levels, poisson)
     motion = np.zeros(len(WIDTH))
     if pressure is not None:
@@ -194,33 +195,15 @@ def test_compliance_agrees_with_the_reference(height, poisson):
 
 
 def settle_columns(height, friction=0.0, worn=None, expansion=None, arm=0.0, turning_stiffness=np.inf):
-    """Pressure of the columns by the package's compliance: those that would pull or sink into the road change sides."""
-    from flashtemp.physics.elastic_block import face_compliance
-
+    """Pressure of the columns (Pa), approach (m) and tilt (rad) by the package."""
     levels = LEVELS * height / H
-    compliance = face_compliance(GRADED, levels, 0.49)
-    C = (compliance.normal + friction * compliance.shear) / E
-    free = (0.0 if worn is None else worn(CENTRE)) + face_motion(levels, strain=expansion)
-    lever, guided = 0.5 * L * LEAN, np.isinf(turning_stiffness)
-    touching = np.ones(len(WIDTH), dtype=bool)
-    for _ in range(200):
-        n = touching.sum()
-        system, known = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
-        system[:n, :n], known[:n] = C[np.ix_(touching, touching)], -free[touching]
-        system[:n, n], system[:n, n + 1] = -1.0, -lever[touching]  # gap 0: motion - approach - tilt lever
-        system[n, :n], known[n] = WIDTH[touching], MEAN * L
-        system[n + 1, n + 1] = 1.0 if guided else turning_stiffness
-        if not guided:
-            system[n + 1, :n] = (WIDTH * (lever - arm * friction))[touching]
-        solution = np.linalg.solve(system, known)
-        pressure = np.zeros(len(WIDTH))
-        pressure[touching] = solution[:n]
-        gap = C @ pressure + free - solution[n] - lever * solution[n + 1]
-        now = np.where(touching, pressure >= 0.0, gap < 0.0)
-        if np.array_equal(now, touching):
-            return pressure, solution[n], solution[n + 1]
-        touching = now
-    raise ArithmeticError("the columns in contact do not settle")
+    stiffness = foundation_stiffness(L, height, E)
+    bed = ElasticFoundation(CENTRE, WIDTH, L, E, stiffness, face_compliance(GRADED, levels, 0.49))
+    gap = (0.0 * CENTRE if worn is None else worn(CENTRE)) + face_motion(levels, strain=expansion)
+    guided = np.isinf(turning_stiffness)
+    holder = Holder(1.0) if guided else Holder(1.0, arm, 2.0 * turning_stiffness / L)
+    settled = bed.settle(gap, MEAN, holder, lambda p: friction + 0.0 * p, None)
+    return settled.pressure, settled.approach / stiffness, 2.0 * bed.press(settled).tilt / L
 
 
 ACTING = {

@@ -1,14 +1,16 @@
-"""Thermal expansion of the block into its pressure, held to a static solution of its own."""
+"""Thermal expansion of the block into its pressure: springs and the elastic block, each against another solution."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from independent_elasticity import ElasticBlock
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
 from scipy.optimize import brentq
 
 K_N, L = 1.4e9, 0.025
 GIVEN = {"schedule__distance": 1.0, "numerics__mesh": 0.6, "numerics__rtol": 1e-5}
+SPRINGS = GIVEN | {"block__stiffness": K_N}
 
 
 def springs(run, worn, shape, mean, strain, k):
@@ -29,7 +31,7 @@ def springs(run, worn, shape, mean, strain, k):
 
 @pytest.mark.parametrize("speed", [0.1, -0.1, 1.0])
 def test_pressure_is_that_of_springs_on_which_a_hot_block_stands(lab, speed):
-    run = lab.case(**GIVEN, effects=["thermal_expansion"], schedule__speed=speed)
+    run = lab.case(**SPRINGS, effects=["thermal_expansion"], schedule__speed=speed)
     strain = 1.6e-4 * 1.49 / 0.51
     k = len(run.frames) - 1
     expected = springs(run, run.worn[run.frames[k]], 1.0, 1.5e5, strain, k)
@@ -41,7 +43,7 @@ def test_pressure_is_that_of_springs_on_which_a_hot_block_stands(lab, speed):
 
 
 def test_swelling_and_wear_act_together(lab):
-    given = GIVEN | {"wear__rate": 4e-10, "edge_pressure__B": 3.0, "edge_pressure__length": 4e-3}
+    given = SPRINGS | {"wear__rate": 4e-10, "edge_pressure__B": 3.0, "edge_pressure__length": 4e-3}
     run = lab.case(**given, effects=["edge_pressure", "wear", "thermal_expansion"])
     k, x = len(run.frames) - 1, run.x
     edges = run.mesh.x[run.mesh.first : run.mesh.last + 1]
@@ -56,7 +58,30 @@ def test_swelling_and_wear_act_together(lab):
 def test_a_hotter_end_takes_load_in_proportion(lab):
     """To first order the change of pressure is that of the rise, and the expansion's sign decides where it goes."""
     weak, double = (
-        lab.case(**GIVEN, effects=["thermal_expansion"], thermal_expansion__coefficient=a) for a in (1e-6, 2e-6)
+        lab.case(**SPRINGS, effects=["thermal_expansion"], thermal_expansion__coefficient=a) for a in (1e-6, 2e-6)
     )
     np.testing.assert_allclose(double.pressure[-1] - 1.5e5, 2.0 * (weak.pressure[-1] - 1.5e5), rtol=0.01, atol=0.2)
     assert weak.pressure[-1][-5] > 1.5e5 > weak.pressure[-1][5]
+
+
+def test_pressure_is_that_of_an_elastic_block_that_is_hot(lab):
+    """Independent finite elements, heated as the run is: to 2 % of the mean, but for the outermost 1 % of the length."""
+    run = lab.case(**GIVEN, effects=["thermal_expansion"], thermal_expansion__coefficient=5e-4)
+    k, mesh, height = len(run.frames) - 1, run.mesh, 7e-3
+    z = np.concatenate([[0.0], 0.5 * (mesh.height[1:] + mesh.height[:-1]), mesh.height[-1:]])
+    rise = run.section(k)[mesh.block].astype(float) - run.ambient_degC
+    face = run.T_block[run.frames[k]] - run.ambient_degC
+    rise = np.concatenate([face[:, None], rise, rise[:, -1:]], axis=1)
+    x = np.concatenate([[0.0], run.x, [L]])
+    field = RegularGridInterpolator((x, z), rise[[0, *range(len(rise)), -1]])
+    block = ElasticBlock.meshed(L, height)
+    even = block.displace_face(lambda x: 1.5e5 + 0.0 * x)[:, 1]  # a new block has the profile that is pressed evenly
+    contact = block.press(
+        1.5e5 * L,
+        worn=lambda x: -(block.interpolation(x) @ even),
+        expansion=lambda x, z: 5e-4 * field(np.stack([np.clip(x, 0, L), np.clip(z, 0, height)], axis=-1)),
+    )
+    edges = mesh.x[mesh.first : mesh.last + 1]
+    expected, inner = contact.column_means(edges), (run.x > 0.01 * L) & (run.x < 0.99 * L)
+    assert np.ptp(expected[inner]) > 0.3 * 1.5e5
+    np.testing.assert_allclose(run.pressure[run.frames[k]][inner], expected[inner], atol=0.02 * 1.5e5)

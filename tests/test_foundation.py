@@ -36,7 +36,7 @@ def test_load_and_moment_balance_to_rounding(seed, log_height, lever, turning):
     press = BED.settle(uneven(seed, 10**log_height), MEAN, moment, turning)
     assert press.pressure.min() >= 0
     assert press.pressure @ DX == pytest.approx(LOAD, rel=1e-12)
-    assert moment_of(press.pressure) + turning * press.tilt == pytest.approx(moment, abs=1e-11 * 0.5 * L * LOAD)
+    assert moment_of(press.pressure) + turning * K_N * press.tilt == pytest.approx(moment, abs=1e-11 * 0.5 * L * LOAD)
 
 
 @settings(max_examples=200, deadline=None)

@@ -20,6 +20,7 @@ from flashtemp.solver.system import System
 CASES = Path(__file__).parents[1] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
 SHORT = {"numerics__cells": [20, 8, 8], "output__profiles": 8}
+SPRINGS = {"block__stiffness": K_N}
 EVENTS = {  # start, stop, lap, kinks of speed and pressure, lift-off at the trailing edge, a wait in contact
     "effects": ["friction_softening", "track_memory", "edge_pressure", "wear", "friction_moment"],
     "schedule__repetitions": 2, "schedule__distance": 1.0, "schedule__wait": 2.0, "schedule__lifted": False,
@@ -44,7 +45,7 @@ def archard(lab, pressure=2.5e5, speed=0.1):
     return lab.case(
         effects=["edge_pressure", "wear"], wear__energy=0.0, wear__rate=6e-11, edge_pressure__B=4.0,
         contact__pressure=pressure, schedule__speed=speed, schedule__repetitions=10, schedule__wait=10.0,
-        numerics__rtol=1e-6, **SHORT,
+        numerics__rtol=1e-6, **SPRINGS, **SHORT,
     )  # fmt: skip
 
 
@@ -75,7 +76,7 @@ def test_tilting_holder_relaxes_more_slowly(lab):
     run = lab.case(
         effects=["wear", "friction_moment"], wear__energy=0.0, wear__rate=6e-11, schedule__distance=35.0,
         schedule__speed=1.0, friction_moment__compliance=compliance, friction_moment__arm=arm, numerics__rtol=1e-6,
-        numerics__cells=[80, 6, 6], output__profiles=8,
+        numerics__cells=[80, 6, 6], output__profiles=8, **SPRINGS,
     )  # fmt: skip
     beta = K_N * L**3 * W / 12 * compliance
     amplitude = np.polyfit(xi(run), run.pressure.T / 1.5e5, 1)[0]

@@ -140,7 +140,7 @@ def test_kinds_agree_with_what_calibration_and_sensitivity_use():
 def test_the_docs_list_every_kind_with_its_standard_deviation():
     page = (ROOT / "docs" / "camera.md").read_text()
     for kind in INPUT_KINDS.values():
-        unit = " %" if kind.relative else "" if kind.name == "emissivity" else " K"
+        unit = " %" if kind.relative else "" if kind.name in ("emissivity", "Poisson's ratio") else " K"
         assert f"| {kind.name} | {(100 if kind.relative else 1) * kind.sd:g}{unit} | {kind.reason} |" in page
 
 
@@ -262,7 +262,7 @@ def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_on
 
 
 # --- verdicts -------------------------------------------------------------------------------------------
-KEYS = ("contact.pressure", "friction.mu", "block.length", "block.stiffness", "ambient.temperature")
+KEYS = ("contact.pressure", "friction.mu", "block.length", "block.modulus", "ambient.temperature")
 
 
 @pytest.fixture(scope="module")
@@ -286,8 +286,8 @@ def test_a_load_that_is_told_wrong_is_contradicted_by_as_much(wrong_load):
 
 
 def test_an_input_that_does_not_act_cannot_be_checked(wrong_load):
-    """Nothing presses unevenly in this case, so the block's stiffness does nothing."""
-    found = wrong_load[True].checks["block.stiffness"]
+    """Nothing presses unevenly in this case, so the block's modulus does nothing."""
+    found = wrong_load[True].checks["block.modulus"]
     assert (found.verdict, found.influence) == (InputVerdict.NOT_CHECKABLE, pytest.approx(0.0, abs=0.1))
     assert found.ln_bayes == pytest.approx(0.0, abs=1e-6)
     assert "hardly depend" in found.words

@@ -56,6 +56,8 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         spot_diameter=v.contact.spot_diameter,
         spot_fraction=v.contact.spot_fraction,
         track_length=v.road.track_length,
+        modulus=v.block.modulus,
+        poisson=v.block.poisson,
         stiffness=v.block.stiffness,
         resolved=v.numerics.across > 1,
         layers=layers.stack(values),
@@ -82,6 +84,8 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         spot_diameter=outline.spot_diameter,
         spot_fraction=outline.spot_fraction,
         track_length=outline.track_length,
+        modulus=outline.modulus,
+        poisson=outline.poisson,
         stiffness=outline.stiffness,
         layers=outline.layers,
     )
@@ -314,6 +318,9 @@ def _check(built: Scene) -> None:
         raise BadInput(
             f"{key}: {most:g} m is not more than the {worn:g} m worn off its face at the start; give that profile in m"
         )
+    for target in ("contact.flat_face", "contact.shear_traction") if built.stiffness is not None else ():
+        for _, _, name in laws.terms.get(target, ()):
+            raise BadInput(f"block.stiffness: a block on springs knows nothing of '{name}'; leave out one of the two")
     laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
     mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length
     if not mean > 0:

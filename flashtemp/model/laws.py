@@ -33,7 +33,7 @@ class Laws:
                 kind = acting.effect
                 touching = not kind.base and target.startswith(("contact.", "road.lane"))
                 self.restless |= touching and not kind.steady
-                self.calm_contact &= not touching or target == "contact.pressure"
+                self.calm_contact &= not touching or target in ("contact.pressure", "contact.flat_face")
                 if isinstance(part, Term):
                     self.terms.setdefault(part.target, []).append((part, acting.p, acting.name))
                 elif isinstance(part, Factor):

@@ -87,7 +87,9 @@ class Outline:
     spot_diameter: float
     spot_fraction: float
     track_length: float | None
-    stiffness: float
+    modulus: float
+    poisson: float
+    stiffness: float | None
     resolved: bool
     layers: tuple[Layer, ...] = ()
 
@@ -120,7 +122,8 @@ class Scene:
     """A block on a road: everything the balance needs, nothing about files or solvers.
 
     Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
-    `stiffness` of the block as a spring foundation, Pa per m of compression.  `layers` of the block from the face
+    `modulus` (Young's, Pa) and `poisson` of the elastic block; with a `stiffness`, Pa per m of compression, it stands
+    on springs instead.  `layers` of the block from the face
     upwards, of which `block` is the first one's material; none where it is one material.
     """
 
@@ -134,7 +137,9 @@ class Scene:
     height: float
     spot_diameter: float
     track_length: float | None = None
-    stiffness: float = 1.4e9
+    modulus: float = 5e6
+    poisson: float = 0.49
+    stiffness: float | None = None
     spot_fraction: float = 0.2
     layers: tuple[Layer, ...] = ()
 

@@ -21,8 +21,10 @@ TABLES: dict[str, dict[str, Param]] = {
         "width": Param(0.05, "m", "width across the direction of sliding", low=1e-4, high=10.0),
         "height": Param(0.007, "m", "height from the face to the holder", low=1e-4, high=1.0),
         "material": Param("tread_rubber", "", "name of a material", kinds=TEXT),
+        "modulus": Param(5e6, "Pa", "Young's modulus of the rubber, by which it bears on the road", low=1e3, high=1e12),
+        "poisson": Param(0.49, "1", "Poisson's ratio of the rubber", low=0.0, high=0.4999),
         "stiffness": Param(
-            1.4e9, "Pa/m", "pressure per compression of the block between holder and road, E_c/height",
+            None, "Pa/m", "pressure per compression of a block on springs, E_c/height; elastic if not given",
             low=1e3, high=1e14,
         ),
     },

@@ -85,6 +85,19 @@ def face_compliance(x_edges: Array, z_edges: Array, poisson: float, y_edges: Arr
     return _remember_compliance(key[:-1], key[-1], float(poisson))
 
 
+def foundation_stiffness(length: float, height: float, modulus: float) -> float:
+    """Mean pressure over compression (Pa/m) of a long bonded strip of incompressible rubber, E_c = 4/3 E (1 + S^2).
+
+    S = length/(2 height).  Gent and Lindley, The compression of bonded rubber blocks, Proc. Inst. Mech. Eng. 173
+    (1959), 111.
+
+    >>> round(foundation_stiffness(0.025, 0.007, 5e6) / 1e9, 2)
+    3.99
+    """
+    shape = length / (2.0 * height)
+    return 4.0 / 3.0 * modulus * (1.0 + shape**2) / height
+
+
 @lru_cache(maxsize=8)
 def _remember_compliance(column_bytes: tuple[bytes, ...], z_bytes: bytes, poisson: float) -> FaceCompliance:
     """The compliance by the bytes of its inputs; in 3D from the file that an earlier process left."""

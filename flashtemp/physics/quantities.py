@@ -42,15 +42,13 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             "contact.pressure", "1", "1", "local over mean pressure of a new block; brought back to mean 1", PLACE,
         ),
-        Quantity(
-            "contact.pressure_by_friction", "1", "0",
-            "what local over mean pressure changes by per unit of load-weighted friction", PLACE,
-        ),
+        Quantity("contact.flat_face", "1", "0", "1: a new face is flat, 0: its profile gives `contact.pressure`"),
+        Quantity("contact.shear_traction", "1", "0", "share of the friction that shears the elastic block"),
         Quantity(
             "block.abrasion", "1", "0", "m worn per m slid",
             "T in the spots, x, y, local pressure, contact fraction, `now.friction`",
         ),
-        Quantity("block.expansion", "1/K", "0", "by which a column of the block swells, over its height", ALONE),
+        Quantity("block.expansion", "1/K", "0", "linear thermal expansion of the block", ALONE),
         Quantity("block.worn", "m", "0", "worn before the first start", PLACE),
         Quantity("holder.compliance", "rad/(N m)", "0", "turn of the holder per moment"),
         Quantity("holder.arm", "m", "0", "height of the holder's pivot, arm of the friction force"),

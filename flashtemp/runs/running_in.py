@@ -271,6 +271,7 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
     """s_w = 1/(k_n k mu) of the folder's case where its block abrades, else None."""
     from flashtemp.model import case as cases
     from flashtemp.model.laws import Laws
+    from flashtemp.physics.elastic_block import foundation_stiffness
 
     try:
         scene = cases.load(folder).scene
@@ -282,7 +283,8 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
     if laws("holder.compliance", 0.0, None, now):
         return None  # a holder that turns lets every shape of the pressure relax over a length of its own
     rate = laws("block.abrasion", 0.0, spot_degC + KELVIN, now)
-    return pressure / (scene.stiffness * float(rate)) if rate > 0 else None
+    stiffness = scene.stiffness or foundation_stiffness(scene.length, scene.height, scene.modulus)
+    return pressure / (stiffness * float(rate)) if rate > 0 else None
 
 
 def _measured(path: Path, distance: float | None) -> Record:

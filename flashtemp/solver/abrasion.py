@@ -11,6 +11,7 @@ import numpy as np
 from flashtemp.model.laws import STEP
 from flashtemp.solver import kernels_contact
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.elastic_foundation import ElasticResponse
 from flashtemp.solver.road_frame import Overlap
 from flashtemp.solver.winkler import Response
 
@@ -69,12 +70,12 @@ def pattern(b: Balance, under: Overlap) -> Pattern:
 
 @dataclass(frozen=True)
 class AbrasionCoupling:
-    """The linearised way from abrasion, and from swelling, to pressure to heat, and back: for Newton's method.
+    """The linearised way from abrasion, swelling and friction to pressure to heat, and back: for Newton's method.
 
-    Its preconditioner leaves out what swelling does.  `under` is the road that is touched.  What follows when columns
-    are `pressed` harder, and when they are worn `deeper` at the same pressure, None where that changes nothing; `warm`
-    slopes of the rate of abrasion with the temperatures of block and lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1
-    r, by way of the pressure.
+    Its preconditioner leaves out what swelling and friction do.  `under` is the road that is touched.  What follows
+    when columns are `pressed` harder, and when they are worn `deeper` at the same pressure, None where nothing does;
+    `warm` and `pulls` slopes of the rate of abrasion and of the friction traction with the temperatures of block and
+    lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r, by way of the pressure.
     """
 
     b: Balance
@@ -82,17 +83,28 @@ class AbrasionCoupling:
     pressed: Answer
     deeper: Answer | None
     warm: tuple[Any, ...]
-    response: Response
+    response: Response | ElasticResponse
     undo: Callable[[np.ndarray], np.ndarray]
+    pulls: tuple[Any, ...]
 
     def heated(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
         """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""
         return self.warm[0] * block + self.warm[1] * lane
 
-    def add(self, worn: np.ndarray, out: np.ndarray, scale: float = 1.0, T: np.ndarray | None = None) -> None:
-        """Add what changes of the worn depth in the state, and of T (cells,) K by way of swelling, do to all rates."""
+    def add(self, worn: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:
+        """Add what changes of the worn depth in the state do to all rates."""
         depth = worn * self.b.worn_unit
-        low = depth if T is None or not self.b.expansion else depth - self.b.swelling(T)
-        self.pressed.add(self.response(low), scale, out)
+        self._add(depth, self.response(depth), scale, out)
+
+    def add_all(self, worn: np.ndarray, T: np.ndarray, lane: np.ndarray, out: np.ndarray) -> None:
+        """The same, with what changes of T (cells,) K and of the lanes (columns,) K do by swelling and friction."""
+        depth = worn * self.b.worn_unit
+        change = self.response(depth - self.b.swelling(T) if self.b.expansion else depth)
+        if isinstance(self.response, ElasticResponse) and self.response.pulled is not None:
+            change = change + self.response.pulled @ (self.pulls[0] * T[self.b.cell_block] + self.pulls[1] * lane)
+        self._add(depth, change, 1.0, out)
+
+    def _add(self, depth: np.ndarray, pressure: np.ndarray, scale: float, out: np.ndarray) -> None:
+        self.pressed.add(pressure, scale, out)
         if self.deeper is not None:
             self.deeper.add(depth, scale, out)

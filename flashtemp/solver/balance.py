@@ -13,8 +13,10 @@ import numpy as np
 
 from flashtemp.model.laws import Laws, laws_mean
 from flashtemp.model.scene import Scene
+from flashtemp.physics.elastic_block import FaceCompliance, face_compliance, foundation_stiffness
 from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
+from flashtemp.solver.elastic_foundation import PRESSURE_RTOL, ElasticFoundation
 from flashtemp.solver.enthalpy import LinearCapacity, TabulatedCapacity, heat_capacity
 from flashtemp.solver.road_frame import RoadFrame
 from flashtemp.solver.winkler import Foundation
@@ -22,14 +24,18 @@ from flashtemp.solver.winkler import Foundation
 LEDGER = ("friction", "into_road", "lane_out", "lane_air")
 NETS = {"friction": 1.0, "into_road": 0.0}  # how entries of the ledger add to the heat in block and road together
 LANES = {"lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
+MOST_COLUMNS = 1000  # of a face in 3D, whose compliance takes minutes
 FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
 class Balance:
-    """Static part: capacities, resistances, boundary heat and ledger of a scene; whole from construction."""
+    """Static part: capacities, resistances, boundary heat and ledger of a scene; whole from construction.
 
-    def __init__(self, scene: Scene):
-        self.scene, mesh = scene, scene.mesh
+    `pressure_rtol` is the share of the load that may still move where the elastic block's pressure is accepted.
+    """
+
+    def __init__(self, scene: Scene, pressure_rtol: float = PRESSURE_RTOL):
+        self.scene, mesh, self.pressure_rtol = scene, scene.mesh, pressure_rtol
         self.laws = Laws(scene)
         self.n = mesh.n_cells
         rc, k = np.empty(mesh.n_plane), np.empty(mesh.n_plane)
@@ -72,9 +78,10 @@ class Balance:
         self.entry = {name: self.worn.stop + i for i, name in enumerate(self.ledger)}
         self.books = slice(self.worn.stop, self.worn.stop + len(self.ledger))
         self.size = self.books.stop
-        self.foundation = Foundation(mesh.column_x, mesh.column_area, scene.length, scene.stiffness)
+        stiffness = scene.stiffness or foundation_stiffness(scene.length, scene.height, scene.modulus)
+        self.foundation = Foundation(mesh.column_x, mesh.column_area, scene.length, stiffness)
         # worn depth is carried in units that weigh on the pressure as a kelvin does: one tolerance for all
-        self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * scene.stiffness)
+        self.worn_unit = max(scene.schedule.pressure.value) / (FEEL * stiffness)
         self.abrades = self.laws.has("block.abrasion")
         self.expansion = self.laws("block.expansion", 0.0, None, None)
 
@@ -106,9 +113,38 @@ class Balance:
     @cached_property
     def calm(self) -> bool:
         """Whether pressure and contact laws follow from place and schedule: nothing worn, warm or turned has a say."""
-        told = ("holder.compliance", "contact.pressure_by_friction", "contact.cover")
+        told = ("holder.compliance", "contact.shear_traction", "contact.cover")
         still = self.laws.calm_contact and not self.laws.restless
         return still and not (self.abrades or self.expansion or any(map(self.laws.has, told)))
+
+    @cached_property
+    def moves_pressure(self) -> bool:
+        """Whether anything moves the pressure away from the shape that laws prescribe."""
+        told = ("block.worn", "holder.compliance", "contact.flat_face", "contact.shear_traction")
+        return self.abrades or bool(self.expansion) or any(map(self.laws.has, told))
+
+    @cached_property
+    def elastic(self) -> ElasticFoundation | None:
+        """The elastic block; None where it stands on springs, and where its pressure is prescribed."""
+        if self.scene.stiffness is not None or not self.moves_pressure:
+            return None
+        bed, modulus = self.foundation, self.scene.modulus
+        return ElasticFoundation(
+            bed.x, bed.dx, bed.length, modulus, bed.stiffness, self._compliance, self.pressure_rtol
+        )
+
+    @cached_property
+    def _compliance(self) -> FaceCompliance:
+        """Of the columns; planes of a block that is cut too finely across are each in plane strain."""
+        mesh, poisson = self.scene.mesh, self.scene.poisson
+        edges = mesh.x[mesh.first : mesh.last + 1]
+        if mesh.n_across > 1 and len(self.cell_block) <= MOST_COLUMNS:
+            return face_compliance(edges, mesh.height, poisson, mesh.y)
+        plane = face_compliance(edges, mesh.height, poisson)
+        if mesh.n_across == 1:
+            return plane
+        normal, shear = (np.kron(a, np.eye(mesh.n_across)).astype(float) for a in (plane.normal, plane.shear))
+        return FaceCompliance(normal, shear, None)
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:
@@ -152,10 +188,24 @@ class Balance:
         return y[self.worn] * self.worn_unit
 
     def swelling(self, T: np.ndarray) -> np.ndarray:
-        """By how much (columns,) m the block swells at rises T (cells,)."""
-        mesh = self.scene.mesh
-        swollen: np.ndarray = np.einsum("ijk,j->ik", mesh.planes(T)[mesh.block], self.expansion * np.diff(mesh.height))
-        return swollen.ravel()
+        """By how much (columns,) m the face of the free block rises towards the road at rises T (cells,).
+
+        On springs every column swells by itself, held sideways (Boley and Weiner, Theory of Thermal Stresses, 1960).
+        """
+        mesh, poisson = self.scene.mesh, self.scene.poisson
+        strain = self.expansion * mesh.planes(T)[mesh.block]  # lines, levels, across
+        if self.elastic is None:
+            held = (1.0 + poisson) / (1.0 - poisson)
+            return np.einsum("ijk,j->ik", strain, held * np.diff(mesh.height)).ravel()
+        thermal = self.elastic.compliance.thermal
+        if thermal is None:
+            edges = mesh.x[mesh.first : mesh.last + 1]
+            plane = face_compliance(edges, mesh.height, poisson).thermal
+            assert plane is not None
+            return np.einsum("ilj,ljk->ik", plane, strain).ravel()
+        n = len(self.cell_block)
+        swollen: np.ndarray = thermal.reshape(n, -1) @ np.swapaxes(strain, 1, 2).reshape(-1)
+        return swollen
 
     def carry(self, now) -> np.ndarray:
         """Heat (n_road,) W/(m K) that moves from line to line with the road: none in the road's own frame."""

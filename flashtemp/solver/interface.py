@@ -1,6 +1,7 @@
-"""The interface of block and road: local pressure (winkler), then fluxes (contact_flux), and how abrasion answers.
+"""The interface of block and road: local pressure, then fluxes (contact_flux), and how abrasion answers.
 
-Pressure is consistent with load and moment at every instant; contact laws are taken at that pressure.
+The block is elastic (elastic_foundation), or it stands on springs (winkler).  Its pressure is consistent with load and
+moment at every instant, and contact laws are taken at that pressure.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from flashtemp.model.scene import Moment
 from flashtemp.solver import contact_flux, kernels_contact, lanes
 from flashtemp.solver.abrasion import AbrasionCoupling, Answer, Pattern, pattern, slope
 from flashtemp.solver.balance import Balance
+from flashtemp.solver.elastic_foundation import ElasticResponse, Friction, Holder
 from flashtemp.solver.kernels_contact import alike, columns
 from flashtemp.solver.recent import Recent, same
 from flashtemp.solver.road_frame import Overlap
-from flashtemp.solver.winkler import Press
+from flashtemp.solver.winkler import Press, Response
 
 SCHEDULED = Moment._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
 RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
@@ -54,7 +56,10 @@ class Interface:
             return Contact(state, press)
         if slopes:
             state = lanes.limited(self.b, state, T, road)
-        flux, slope = self.fluxes(state, now, T, road, kf, slopes)
+        if not slopes and self.recent.flux is not None:
+            flux, slope = self.recent.flux, None
+        else:
+            flux, slope = self.fluxes(state, now, T, road, kf, slopes)
         self.recent.touch = np.real(flux.touch)
         return Contact(state, press, flux, slope)
 
@@ -68,21 +73,62 @@ class Interface:
             self._recall(now)
             if self.recent.settled is not None:
                 return now, *self.recent.settled
+        self.recent.flux = None
         now = now.seeing(worn=worn) if b.abrades else now
-        free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
-        if b.expansion:
-            free = free + b.foundation.stiffness * b.swelling(T)
-        turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
-        sheared = self._sheared(now)
-        if turning < np.inf or sheared is not None:
-            mean = self._friction(now, free, sheared, moment, turning, T, road, kf)
-            moment = moment * mean
-            free = free if sheared is None else free + mean * sheared
-        press = b.foundation.settle(free, now.pressure, moment, turning)
+        if b.elastic is None or not (now.touching and now.pressure > 0):
+            press = self._on_springs(now, worn, T, road, kf)
+        else:
+            press = self._elastic(now, worn, T, road, kf)
         state = self.state(now, press.pressure, T)
         if b.calm and self.recent.even:
             self.recent.settled = press, state
         return now, press, state
+
+    def _on_springs(self, now, worn, T, road, kf) -> Press:
+        """Pressure of a block whose columns are springs side by side, or whose pressure is prescribed."""
+        b = self.b
+        free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
+        if b.expansion:
+            free = free + b.foundation.stiffness * b.swelling(T)
+        turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
+        if turning < np.inf:
+            moment = moment * self._friction(now, free, moment, turning, T, road, kf)
+        return b.foundation.settle(free, now.pressure, moment, turning)
+
+    def _elastic(self, now, worn, T, road, kf) -> Press:
+        """Pressure of the elastic block, at a friction that agrees with it column by column."""
+        b, bed, recent = self.b, self.b.elastic, self.recent
+        assert bed is not None
+        flat, shear = (b.laws(f"contact.{name}", 0.0, None, now) for name in ("flat_face", "shear_traction"))
+        # a new block whose pressure is prescribed has the profile that gives it on a flat road
+        gap = worn - (1.0 - flat) * bed.displace(now.pressure * self._pressed(now))
+        if b.expansion:
+            gap = gap - b.swelling(T)
+        holder = self._holder(now, shear)
+        pulled = shear != 0.0 or not holder.guided
+
+        def friction(T, road, kf) -> Friction:
+            def found(pressure):
+                recent.flux, _ = self.fluxes(self.state(now, pressure, T), now, T, road, kf)
+                return recent.flux.mu
+
+            return found
+
+        plain = (np.real(a) for a in (T, road, kf))
+        settled = bed.settle(np.real(gap), now.pressure, holder, friction(*plain) if pulled else None, recent.elastic)
+        recent.elastic = settled
+        if any(np.iscomplexobj(a) for a in (gap, T, road, kf)):
+            settled = bed.derive(settled, gap, now.pressure, friction(T, road, kf) if pulled else None)
+            recent.flux = None
+        return bed.press(settled)
+
+    def _holder(self, now, shear: float) -> Holder:
+        """What the holder does; one that hardly gives is guided."""
+        if not self.b.laws.has("holder.compliance"):
+            return Holder(shear)
+        compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
+        give = compliance * self.b.scene.width * self.b.foundation.length
+        return Holder(shear) if give * self.b.foundation.stiffness <= RIGID else Holder(shear, arm, 2.0 / give)
 
     def _pressed(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
@@ -94,17 +140,6 @@ class Interface:
             shape = self.recent.shape = shape / (np.sum(shape * mesh.column_area) / np.sum(mesh.column_area))
         return shape
 
-    def _sheared(self, now) -> np.ndarray | None:
-        """Pressure (columns,) Pa that friction adds per unit of itself, without any load; None where there is none."""
-        if not (self.b.laws.has("contact.pressure_by_friction") and now.touching and now.pressure > 0):
-            return None
-        mesh = self.b.scene.mesh
-        added = laws_mean(self.b.laws, "contact.pressure_by_friction", mesh, now, 0.0)
-        if not added.any():
-            return None
-        area = mesh.column_area
-        return now.pressure * (added - np.sum(added * area) / np.sum(area))
-
     def _turning(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
         if not self.b.laws.has("holder.compliance"):
@@ -115,12 +150,12 @@ class Interface:
         turning = np.inf if give <= RIGID else 2.0 / give
         return turning, arm * now.pressure * bed.dx.sum()
 
-    def _friction(self, now, free, sheared, moment, turning, T, road, kf):
+    def _friction(self, now, free, moment, turning, T, road, kf):
         """Load-weighted friction that agrees with the pressure which it causes: Newton on one number."""
-        bed, sheared = self.b.foundation, 0.0 if sheared is None else sheared
+        bed = self.b.foundation
 
         def found(trial, free, T, road, kf):
-            press = bed.settle(free + trial * sheared, now.pressure, moment * trial, turning)
+            press = bed.settle(free, now.pressure, moment * trial, turning)
             flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, road, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
@@ -306,7 +341,10 @@ class Interface:
         assert flux is not None
         assert d is not None
         now = now.seeing(worn=worn) if b.abrades else now
-        pressed = self._answer(self.state(now, contact.press.pressure + 1j * STEP, T), now, T, road, kf)
+        more = contact.press.pressure + 1j * STEP
+        harder = self.state(now, more, T)
+        pressing, _ = self.fluxes(harder, now, T, road, kf)
+        pressed = self._answer(harder, pressing, now)
         seen = self.at(contact.state, now.seeing(worn=worn + 1j * STEP) if b.abrades else now)
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
         deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
@@ -314,15 +352,21 @@ class Interface:
             slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))
         )
-        response = b.foundation.response(contact.press)
+        elastic = None if b.elastic is None or not now.touching else self.recent.elastic
+        if b.elastic is None or elastic is None:
+            response: Response | ElasticResponse = b.foundation.response(contact.press)
+        else:  # the slopes of friction are there: what follows is settled with them too
+            self.recent.elastic = elastic = b.elastic.renew(elastic, slope(more * pressing.mu))
+            response = b.elastic.response(elastic)
         return AbrasionCoupling(
             b,
             contact.state.under,
             pressed,
-            None if deeper is None else self._answer(deeper, now, T, road, kf),
+            None if deeper is None else self._answer(deeper, self.fluxes(deeper, now, T, road, kf)[0], now),
             warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             response=response,
             undo=response.solver(gamma * pressed.abrasion),
+            pulls=tuple(contact.press.pressure * slope for slope in d.mu),
         )
 
     @cached_property
@@ -330,9 +374,8 @@ class Interface:
         """Of answers where the road lies on the block's lines."""
         return pattern(self.b, Overlap(self.b.cell_road))
 
-    def _answer(self, state, now, T, road, kf) -> Answer:
-        """How heat and abrasion follow what has a complex step in the state."""
-        flux, _ = self.fluxes(state, now, T, road, kf)
+    def _answer(self, state, flux, now) -> Answer:
+        """How heat and abrasion follow what has a complex step in a state with its fluxes."""
         area = self.b.scene.mesh.column_area
         taken = flux.into_road * area
         return Answer.of(

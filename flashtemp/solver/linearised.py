@@ -91,7 +91,7 @@ class Linearised:
     def times(self, v: np.ndarray, out: np.ndarray) -> None:
         """out = J v; conserves heat like the rate.
 
-        Left out: slopes of k(T), and the ways from temperature over friction to the tilt of a holder that turns, and
+        Left out: slopes of k(T), and the ways from temperature over friction to the tilt of a block on springs, and
         from the face's temperature to the contact fraction.
         """
         b, n = self.b, self.b.n
@@ -109,7 +109,7 @@ class Linearised:
         if self.coupling is not None:
             w = self.coupling
             out[b.worn] = w.heated(T[b.cell_block], lane)
-            w.add(v[b.worn], out, T=T)
+            w.add_all(v[b.worn], T, lane, out)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
         """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""

@@ -24,6 +24,7 @@ from flashtemp.solver.run import Run
 from flashtemp.solver.system import System
 from flashtemp.solver.turning import pass_on, renew, renews
 
+PRESSURE_SHARE = 0.01  # of the integrator's relative tolerance: what is left of the pressure's own iteration
 Path = list[tuple[float, np.ndarray]]  # time and state of every step
 
 
@@ -44,7 +45,7 @@ def march(
     with time, cell and effect.
     """
     began = clock.perf_counter()
-    balance = _balance(scene)
+    balance = _balance(scene, settings)
     now = state or Progress()
     resumed, spent = now.y is not None, now.wall
     if not resumed:
@@ -76,10 +77,10 @@ def march(
     return limits.audit(finish(balance, now, title), settings.atol or 10 * settings.rtol)
 
 
-def _balance(scene: Scene) -> Balance:
+def _balance(scene: Scene, settings: Settings) -> Balance:
     """The heat balance of a scene; SolverFailure names the law that fails already now."""
     try:
-        return Balance(scene)
+        return Balance(scene, PRESSURE_SHARE * settings.rtol)
     except Exception as fault:
         if (said := law_at_fault(scene, fault)) is not None:
             raise SolverFailure(f"{said}; before the start") from fault

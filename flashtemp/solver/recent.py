@@ -8,7 +8,8 @@ import numpy as np
 
 from flashtemp.model.scene import Moment
 from flashtemp.solver.boundary_heat import Films
-from flashtemp.solver.contact_flux import ContactState
+from flashtemp.solver.contact_flux import ContactState, Fluxes
+from flashtemp.solver.elastic_foundation import Settled
 
 
 @dataclass
@@ -44,7 +45,9 @@ class Recent:
     way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
     memory: tuple = ()
     touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
-    friction: float = 0.0  # load-weighted, where the holder turns
+    friction: float = 0.0  # load-weighted, where the holder turns a block on springs
+    elastic: Settled | None = None  # pressure of the elastic block
+    flux: Fluxes | None = None  # at the state above, where the elastic block asked for it
 
     def forget(self, when: tuple) -> None:
         """Forget answers of laws that see something else now."""

@@ -65,7 +65,7 @@ def record(system: System, t: float, y: np.ndarray, now: Progress, frame: bool, 
         "sliding": phase.sliding,
         "direction": phase.direction,
         "friction": _mean_friction(system, contact),
-        "tilt": phase.direction * 2.0 * contact.press.tilt / (b.foundation.stiffness * b.scene.length),
+        "tilt": phase.direction * 2.0 * contact.press.tilt / b.scene.length,
         "energy": list(energy.values()),
     }
     row |= {name: values @ mesh.share for name, values in wake.items()}

@@ -21,7 +21,7 @@ from flashtemp.solver import kernels_contact
 
 
 class Press(NamedTuple):
-    """Local pressure (lines,) Pa, tilt t of the holder (Pa), lines in contact, and K (m2)."""
+    """Local pressure (lines,) Pa, by how much the tilt lowers the leading edge (m), lines in contact, and K (m2)."""
 
     pressure: np.ndarray
     tilt: float
@@ -69,7 +69,7 @@ class Foundation:
             raise SolverFailure("the friction moment tips the block over its edge: no pressure carries it")
         if abs(pressure.real @ self.dx - load) > 1e-8 * load:
             raise SolverFailure("no pressure was found that carries load and friction moment; stiffen the holder")
-        return Press(pressure, t, touching, turning)
+        return Press(pressure, t / self.stiffness, touching, turning)
 
     def response(self, press: Press) -> Response:
         """How pressure answers to abrasion around a settled state."""

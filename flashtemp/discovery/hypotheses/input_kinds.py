@@ -46,6 +46,7 @@ INPUT_KINDS: dict[str, InputKind] = {
         InputKind("contact fraction", 0.1, True, "prints and microscopy of contact regions"),
         InputKind("spot diameter", 0.2, True, "sizes of stones scatter"),
         InputKind("stiffness", 0.1, True, "modulus of a compound from batch to batch"),
+        InputKind("Poisson's ratio", 0.005, False, "rubber between 0.485 and 0.4995"),
         InputKind("temperature", 0.5, False, "thermometer, and drift of a laboratory within an hour"),
         InputKind("emissivity", 0.05, False, "tables for a material, without knowing its finish"),
         InputKind("reflected temperature", 2.0, False, "surroundings that nobody measured, such as walls and lamps"),
@@ -64,6 +65,8 @@ KIND_OF_KEY = {
     "schedule.wait": "duration",
     "ambient.convection": "conductance",
     "ambient.road_sides": "conductance",
+    "block.modulus": "stiffness",
+    "block.poisson": "Poisson's ratio",
     "block.stiffness": "stiffness",
 }
 KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layers and effects

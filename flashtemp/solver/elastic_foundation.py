@@ -1,0 +1,287 @@
+"""Nominal contact pressure of an elastic block that a holder presses on a rigid road.
+
+The tractions on the face move it (`physics.elastic_block`).  It cannot enter the road, and nothing pulls it down.
+A and B are the compliances by pressure and by traction along the face, E is Young's modulus, a are the areas of the
+columns, xi = 1 - 2x/L and s is the share of the friction that shears the block:
+
+    u = (A p + s B mu p)/E + g,     p >= 0,   u - c - t xi >= 0,   p (u - c - t xi) = 0,
+    sum a p = P,                    approach c of the holder, m,
+    sum a p (L xi/2 - h mu) + 2 t/(C W L) = 0    tilt t of the holder at the leading edge, m; a guided one has t = 0.
+
+g is by how far each column would stand off the road without load.  C is the compliance of the holder (rad per N m), W
+the width of the block and h the height of the pivot.  Friction mu follows the local pressure and temperature.
+
+The inequalities are solved by the primal-dual active set method, a semismooth Newton method (Hintermüller, Ito and
+Kunisch 2003, SIAM J. Optim. 13, 865).  Where the set of columns in contact repeats, one column at a time changes, that
+of the least index (Murty 1974, Math. Program. 7, 138): finite for a positive definite compliance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.errors import SolverFailure
+from flashtemp.model.laws import STEP
+from flashtemp.physics.elastic_block import FaceCompliance
+from flashtemp.solver.winkler import Press
+
+Array = npt.NDArray[Any]
+Friction = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
+
+PRESSURE_RTOL = 1e-10  # share of the load that a step of Newton's method may still move
+SLOW = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
+MOST_STEPS = 200
+SET_STEPS = 20  # steps with changes of the set, after which the least index alone changes
+TIPPED = "the friction moment tips the block over its edge: no pressure carries it"
+
+
+class Holder(NamedTuple):
+    """What the holder does: share `shear` of the friction that shears the block, `arm` h (m), and what resists a tilt.
+
+    `resistance` 2/(C W L) (1/m per N/m of moment), inf where the holder is guided.
+    """
+
+    shear: float = 0.0
+    arm: float = 0.0
+    resistance: float = np.inf
+
+    @property
+    def guided(self) -> bool:
+        return self.resistance == np.inf
+
+
+class Jacobian(NamedTuple):
+    """Inverse Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder."""
+
+    touching: npt.NDArray[np.bool_]
+    slopes: Array
+    holder: Holder
+    inverse: Array
+
+
+class Settled(NamedTuple):
+    """An answer: pressure (columns,) Pa, approach and tilt (Pa), and the Jacobian that led to it."""
+
+    pressure: Array
+    approach: float
+    tilt: float
+    jacobian: Jacobian
+
+
+@dataclass(frozen=True)
+class ElasticFoundation:
+    """Columns of area `dx` (m2 per m across) at `x` (m) under a block of `length` (m) and Young's `modulus` (Pa).
+
+    `stiffness` (Pa/m) turns lengths into pressures, so that all unknowns are alike in size; no answer depends on it.
+    Newton's method ends with a step that moves less than the share `rtol` of the load.
+    """
+
+    x: Array
+    dx: Array
+    length: float
+    modulus: float
+    stiffness: float
+    compliance: FaceCompliance
+    rtol: float = PRESSURE_RTOL
+
+    @cached_property
+    def _normal(self) -> Array:
+        scaled: Array = np.ascontiguousarray(self.compliance.normal * (self.stiffness / self.modulus))
+        return scaled
+
+    @cached_property
+    def _shear(self) -> Array:
+        scaled: Array = np.ascontiguousarray(self.compliance.shear * (self.stiffness / self.modulus))
+        return scaled
+
+    @cached_property
+    def _xi(self) -> Array:
+        """1 at the leading edge (columns,), -1 at the trailing one."""
+        xi: Array = 1.0 - 2.0 * self.x / self.length
+        return xi
+
+    def displace(self, pressure: Array) -> Array:
+        """Motion (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
+        return self._normal @ pressure / self.stiffness
+
+    def settle(
+        self, gap: Array, mean: float, holder: Holder, friction: Friction | None, start: Settled | None
+    ) -> Settled:
+        """Pressure that carries the `mean` (Pa), over a `gap` g (columns,) m.
+
+        `friction` is asked where it shears or tips the block, else None.  `start` is an answer nearby.  The answer's
+        pressure is one at which friction was asked last.  Raises SolverFailure when the block tips over.
+        """
+        n, g = len(self.x), self.stiffness * gap
+        if start is None:
+            on = np.ones(n, dtype=np.bool_)
+            start = Settled(np.full(n, mean), 0.0, 0.0, self._factorise(on, 0.0 * self.x, holder))
+        p, c, t, J = start
+        if J.holder != holder:
+            J = self._factorise(J.touching, J.slopes, holder)
+        last, changes, fresh = np.inf, 0, friction is None
+        for _ in range(MOST_STEPS):
+            p = np.where(J.touching, p, 0.0)
+            mu = None if friction is None else friction(p)
+            step = -J.inverse @ self._residual(p, c, t, g, mean, mu, J)
+            size = np.abs(step[:n]) @ self.dx / (mean * self.dx.sum())
+            if not np.isfinite(size):
+                raise SolverFailure(TIPPED)
+            moved = p + step[:n], c + step[n], t + step[n + 1]
+            on = self._in_contact(p, step, moved, g, mu, J)
+            if np.array_equal(on, J.touching):
+                balanced = abs(p @ self.dx - mean * self.dx.sum()) <= 1e-12 * mean * self.dx.sum()
+                if size <= self.rtol and balanced:
+                    return Settled(p, moved[1], self._tilt(holder, p, mu, moved[2]), J)
+                if friction is not None and size > SLOW * last:
+                    if not fresh:
+                        J, fresh = self._factorise(J.touching, self._slopes(p, friction), holder), True
+                        continue  # the same point once more, with its own slopes
+                    fresh = False
+                last = size
+            else:
+                changes += 1
+                if changes > SET_STEPS:
+                    least = int(np.argmax(on != J.touching))
+                    on = J.touching.copy()
+                    on[least] = not on[least]
+                if not on.any():
+                    raise SolverFailure(TIPPED)
+                J, last = self._factorise(on, J.slopes, holder), np.inf
+            p, c, t = moved
+        raise SolverFailure(f"{TIPPED}, or none was found in {MOST_STEPS} steps; stiffen the holder")
+
+    def derive(self, settled: Settled, gap: Array, mean: float, friction: Friction | None) -> Settled:
+        """The answer with the derivative that a complex step in `gap`, or in what friction sees, passes on."""
+        J, n, g = settled.jacobian, len(gap), self.stiffness * gap
+        p: Array = settled.pressure + 0j
+        c: Any = settled.approach
+        t: Any = settled.tilt
+        for _ in range(MOST_STEPS):
+            mu = None if friction is None else friction(p)
+            step = -1j * (J.inverse @ np.imag(self._residual(p, c, t, g, mean, mu, J)))
+            p, c, t = p + step[:n], c + step[n], t + step[n + 1]
+            if np.abs(step[:n].imag).max() <= 1e-13 * np.abs(p.imag).max():
+                return Settled(p, c, t, J)
+        raise SolverFailure("the derivative of the contact pressure was not found")
+
+    def press(self, settled: Settled) -> Press:
+        """The answer as the contact sees it."""
+        return Press(
+            settled.pressure,
+            settled.tilt / self.stiffness,
+            settled.jacobian.touching,
+            settled.jacobian.holder.resistance,
+        )
+
+    def renew(self, settled: Settled, slopes: Array) -> Settled:
+        """The same answer with other slopes (columns,) of mu p in p, of which its Jacobian is made anew."""
+        J = settled.jacobian
+        if not J.holder.shear and J.holder.guided:
+            return settled
+        return settled._replace(jacobian=self._factorise(J.touching, slopes, J.holder))
+
+    def response(self, settled: Settled) -> ElasticResponse:
+        """How pressure follows wear and friction around an answer, by its Jacobian."""
+        J, n = settled.jacobian, len(settled.pressure)
+        worn = J.inverse[:n, :n] * (-self.stiffness * J.touching)
+        if not J.holder.shear and J.holder.guided:
+            return ElasticResponse(worn, None)
+        pulled = -J.inverse[:n, :n] @ (J.holder.shear * self._shear * J.touching[:, None])
+        if not J.holder.guided:
+            pulled += np.outer(J.inverse[:n, n + 1], J.holder.arm * self.dx / self.length)
+        return ElasticResponse(worn, pulled)
+
+    def _residual(self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian) -> Array:
+        """What is left of the equations: gaps of columns in contact, pressure of the others, load and moment."""
+        n, holder = len(p), J.holder
+        pull = 0.0 if mu is None else mu * p
+        r = np.empty(n + 2, dtype=np.result_type(p, g, pull))
+        gap = self._normal @ p + g - c - t * self._xi
+        if holder.shear:
+            gap = gap + holder.shear * (self._shear @ pull)
+        r[:n] = np.where(J.touching, gap, p)
+        r[n] = p @ self.dx / self.dx.sum() - mean
+        r[n + 1] = t if holder.guided else self._lever(holder, t, 0.5 * self.length * self._xi * p - holder.arm * pull)
+        return r
+
+    def _tilt(self, holder: Holder, p: Array, mu: Array | None, found: float) -> float:
+        """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
+        if holder.guided or holder.resistance == 0.0 or mu is None:
+            return found
+        moments = (0.5 * self.length * self._xi - holder.arm * mu) * p
+        return float(-self.stiffness * (moments @ self.dx) / holder.resistance)
+
+    def _lever(self, holder: Holder, t: Any, moments: Array) -> Any:
+        return moments @ self.dx / self.length + holder.resistance * t / (self.stiffness * self.length)
+
+    def _factorise(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: Holder) -> Jacobian:
+        n = len(touching)
+        J = np.zeros((n + 2, n + 2))
+        J[:n, :n] = self._normal
+        if holder.shear:
+            J[:n, :n] += holder.shear * self._shear * slopes
+        J[:n, n], J[:n, n + 1] = -1.0, -self._xi
+        off = np.flatnonzero(~touching)
+        J[off] = 0.0
+        J[off, off] = 1.0
+        J[n, :n] = self.dx
+        if holder.guided:
+            J[n + 1, n + 1] = 1.0
+        else:
+            J[n + 1, :n] = (0.5 * self.length * self._xi - holder.arm * slopes) * self.dx / self.length
+            J[n + 1, n + 1] = holder.resistance / (self.stiffness * self.length)
+        J[n] /= self.dx.sum()
+        return Jacobian(touching, slopes, holder, _invert(J))
+
+    def _in_contact(self, p: Array, step: Array, moved: tuple, g: Array, mu: Array | None, J: Jacobian) -> Array:
+        """Columns in contact after a step: those still pressed, and those that would sink into the road."""
+        pressed, c, t = moved
+        on = J.touching & (pressed > 0.0)
+        if on.all():
+            return on
+        gap = self._normal @ pressed + g - c - t * self._xi
+        if J.holder.shear and mu is not None:
+            gap += J.holder.shear * (self._shear @ (mu * p + J.slopes * step[: len(p)]))
+        return np.where(J.touching, on, gap < 0.0)
+
+    @staticmethod
+    def _slopes(p: Array, friction: Friction) -> Array:
+        """d(mu p)/dp (columns,), as if every column's friction followed its own pressure alone."""
+        pulled: Array = np.imag((p + 1j * STEP) * friction(p + 1j * STEP)) / STEP
+        return pulled
+
+
+@dataclass(frozen=True)
+class ElasticResponse:
+    """Change of pressure (Pa) by changes of worn depth and of the friction traction at the same pressure.
+
+    `worn` (columns, columns) Pa/m; `pulled` (columns, columns), None where friction does not act on the pressure.
+    """
+
+    worn: Array
+    pulled: Array | None
+
+    def __call__(self, worn: Array) -> Array:
+        """Change of pressure (columns,) Pa by a change of worn depth (columns,) m."""
+        change: Array = self.worn @ worn
+        return change
+
+    def solver(self, gain: Array) -> Callable[[Array], Array]:
+        """r -> (1 - diag(gain) dp/dw)^-1 r; `gain` (columns,) m/Pa."""
+        inverse = _invert(np.eye(len(gain)) - gain[:, None] * self.worn)
+        return lambda r: inverse @ r
+
+
+def _invert(matrix: Array) -> Array:
+    """The inverse, not a number where there is none; one product a step costs less than two triangular solves."""
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)

@@ -15,7 +15,7 @@ from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model import layers
-from flashtemp.model.laws import Laws, laws_mean
+from flashtemp.model.laws import Laws, laws_mean, moves_pressure
 from flashtemp.model.scene import Acting, Outline, Scene
 from flashtemp.model.schedule import Course, Schedule, Series
 from flashtemp.model.schema import TABLES, refinement
@@ -26,6 +26,8 @@ from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
 
+SLENDEREST = 100.0  # length over height of an elastic block, or the reverse
+MOST_COLUMNS_3D = 1000  # of an elastic block in three dimensions: some minutes, and matrices of 8 MB
 LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
 
 Values = Mapping[str, Mapping[str, Any]]
@@ -59,6 +61,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         modulus=v.block.modulus,
         poisson=v.block.poisson,
         stiffness=v.block.stiffness,
+        elastic_3d=v.numerics.elastic_3d,
         resolved=v.numerics.across > 1,
         layers=layers.stack(values),
     )
@@ -87,6 +90,7 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         modulus=outline.modulus,
         poisson=outline.poisson,
         stiffness=outline.stiffness,
+        elastic_3d=outline.elastic_3d,
         layers=outline.layers,
     )
     _check(built)
@@ -303,6 +307,21 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, fir
     return float(depth)
 
 
+def _check_slenderness(built: Scene) -> None:
+    """BadInput for an elastic block that needs too many elements."""
+    ratio = max(built.length, built.height) / min(built.length, built.height)
+    if ratio > SLENDEREST:
+        raise BadInput(
+            f"block.height: {built.height:g} m is out of proportion to block.length, {built.length:g} m; the elastic "
+            f"block takes ratios up to {SLENDEREST:g}, give block.stiffness for a block on springs"
+        )
+    if built.elastic_3d and built.resolved and len(built.mesh.column_x) > MOST_COLUMNS_3D:
+        raise BadInput(
+            f"numerics.elastic_3d: {len(built.mesh.column_x)} columns are too many; give at most {MOST_COLUMNS_3D}, or "
+            "leave it out: then each plane across is in plane strain"
+        )
+
+
 # --- what only the whole scene can tell --------------------------------------------------------------
 def _check(built: Scene) -> None:
     """BadInput where block, spots and pressure of a scene cannot be."""
@@ -318,6 +337,8 @@ def _check(built: Scene) -> None:
         raise BadInput(
             f"{key}: {most:g} m is not more than the {worn:g} m worn off its face at the start; give that profile in m"
         )
+    if built.stiffness is None and moves_pressure(laws):
+        _check_slenderness(built)
     for target in ("contact.flat_face", "contact.shear_traction") if built.stiffness is not None else ():
         for _, _, name in laws.terms.get(target, ()):
             raise BadInput(f"block.stiffness: a block on springs knows nothing of '{name}'; leave out one of the two")

@@ -91,3 +91,12 @@ def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.
 
     means = along(np.zeros(1)) if mesh.n_across == 1 else gauss_mean(along, mesh.y)
     return means.ravel()
+
+
+def moves_pressure(laws: Laws) -> bool:
+    """Whether anything moves the pressure away from the shape that laws prescribe."""
+    told = (
+        "block.abrasion", "block.worn", "block.expansion", "holder.compliance", "contact.flat_face",
+        "contact.shear_traction",
+    )  # fmt: skip
+    return any(map(laws.has, told))

@@ -90,6 +90,7 @@ class Outline:
     modulus: float
     poisson: float
     stiffness: float | None
+    elastic_3d: bool
     resolved: bool
     layers: tuple[Layer, ...] = ()
 
@@ -123,7 +124,8 @@ class Scene:
 
     Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
     `modulus` (Young's, Pa) and `poisson` of the elastic block; with a `stiffness`, Pa per m of compression, it stands
-    on springs instead.  `layers` of the block from the face
+    on springs instead; `elastic_3d` whether its planes across are
+    one block in 3D, or each in plane strain.  `layers` of the block from the face
     upwards, of which `block` is the first one's material; none where it is one material.
     """
 
@@ -140,6 +142,7 @@ class Scene:
     modulus: float = 5e6
     poisson: float = 0.49
     stiffness: float | None = None
+    elastic_3d: bool = False
     spot_fraction: float = 0.2
     layers: tuple[Layer, ...] = ()
 

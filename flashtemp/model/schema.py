@@ -100,6 +100,10 @@ TABLES: dict[str, dict[str, Param]] = {
             0, "1", "cells spread evenly up the block, beside the graded ones; comparisons with a side wall need 10",
             low=0, high=1000, kinds=("whole",),
         ),
+        "elastic_3d": Param(
+            False, "", "with cells across: the elastic block in three dimensions, not plane strain in each plane; "
+            "takes minutes once for each shape", kinds=FLAG,
+        ),
         "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
         "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
         "order": Param(3, "1", "highest BDF order; 4 and 5 may need many more steps", low=1, high=5, kinds=("whole",)),

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.model.laws import Laws, laws_mean
+from flashtemp.model.laws import Laws, laws_mean, moves_pressure
 from flashtemp.model.scene import Scene
 from flashtemp.physics.elastic_block import FaceCompliance, face_compliance, foundation_stiffness
 from flashtemp.solver import kernels_2d
@@ -24,7 +24,6 @@ from flashtemp.solver.winkler import Foundation
 LEDGER = ("friction", "into_road", "lane_out", "lane_air")
 NETS = {"friction": 1.0, "into_road": 0.0}  # how entries of the ledger add to the heat in block and road together
 LANES = {"lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
-MOST_COLUMNS = 1000  # of a face in 3D, whose compliance takes minutes
 FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
@@ -118,15 +117,9 @@ class Balance:
         return still and not (self.abrades or self.expansion or any(map(self.laws.has, told)))
 
     @cached_property
-    def moves_pressure(self) -> bool:
-        """Whether anything moves the pressure away from the shape that laws prescribe."""
-        told = ("block.worn", "holder.compliance", "contact.flat_face", "contact.shear_traction")
-        return self.abrades or bool(self.expansion) or any(map(self.laws.has, told))
-
-    @cached_property
     def elastic(self) -> ElasticFoundation | None:
         """The elastic block; None where it stands on springs, and where its pressure is prescribed."""
-        if self.scene.stiffness is not None or not self.moves_pressure:
+        if self.scene.stiffness is not None or not moves_pressure(self.laws):
             return None
         bed, modulus = self.foundation, self.scene.modulus
         return ElasticFoundation(
@@ -135,16 +128,10 @@ class Balance:
 
     @cached_property
     def _compliance(self) -> FaceCompliance:
-        """Of the columns; planes of a block that is cut too finely across are each in plane strain."""
-        mesh, poisson = self.scene.mesh, self.scene.poisson
+        """Of all columns, or of those of one plane in plane strain."""
+        mesh, whole = self.scene.mesh, self.scene.elastic_3d and self.scene.resolved
         edges = mesh.x[mesh.first : mesh.last + 1]
-        if mesh.n_across > 1 and len(self.cell_block) <= MOST_COLUMNS:
-            return face_compliance(edges, mesh.height, poisson, mesh.y)
-        plane = face_compliance(edges, mesh.height, poisson)
-        if mesh.n_across == 1:
-            return plane
-        normal, shear = (np.kron(a, np.eye(mesh.n_across)).astype(float) for a in (plane.normal, plane.shear))
-        return FaceCompliance(normal, shear, None)
+        return face_compliance(edges, mesh.height, self.scene.poisson, mesh.y if whole else None)
 
     @cached_property
     def nonlinear_conductivity(self) -> bool:
@@ -198,14 +185,13 @@ class Balance:
             held = (1.0 + poisson) / (1.0 - poisson)
             return np.einsum("ijk,j->ik", strain, held * np.diff(mesh.height)).ravel()
         thermal = self.elastic.compliance.thermal
-        if thermal is None:
-            edges = mesh.x[mesh.first : mesh.last + 1]
-            plane = face_compliance(edges, mesh.height, poisson).thermal
-            assert plane is not None
-            return np.einsum("ilj,ljk->ik", plane, strain).ravel()
-        n = len(self.cell_block)
-        swollen: np.ndarray = thermal.reshape(n, -1) @ np.swapaxes(strain, 1, 2).reshape(-1)
-        return swollen
+        if thermal is None:  # too large in three dimensions
+            thermal = face_compliance(mesh.x[mesh.first : mesh.last + 1], mesh.height, poisson).thermal
+            assert thermal is not None
+        n, planes = len(thermal), len(self.cell_block) // len(thermal)
+        strain = np.swapaxes(strain, 1, 2) if planes == 1 else strain
+        swollen: np.ndarray = thermal.reshape(n, -1) @ strain.reshape(-1, planes)
+        return swollen.ravel()
 
     def carry(self, now) -> np.ndarray:
         """Heat (n_road,) W/(m K) that moves from line to line with the road: none in the road's own frame."""

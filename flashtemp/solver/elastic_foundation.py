@@ -34,7 +34,7 @@ from flashtemp.solver.winkler import Press
 Array = npt.NDArray[Any]
 Friction = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
 
-PRESSURE_RTOL = 1e-10  # share of the load that a step of Newton's method may still move
+PRESSURE_RTOL = 1e-12  # share of the load that a step of Newton's method may still move
 SLOW = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
 MOST_STEPS = 200
 SET_STEPS = 20  # steps with changes of the set, after which the least index alone changes
@@ -57,12 +57,31 @@ class Holder(NamedTuple):
 
 
 class Jacobian(NamedTuple):
-    """Inverse Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder."""
+    """Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder.
+
+    `inverse` (planes, n, n) of the equations of the columns; `lifted` (columns, 2) what an approach and a tilt do to
+    the pressure; `carried` (2, columns) load and moment by pressure; `holding` (2, 2) the reverse for the holder.
+    """
 
     touching: npt.NDArray[np.bool_]
     slopes: Array
     holder: Holder
     inverse: Array
+    lifted: Array
+    carried: Array
+    holding: Array
+
+    def columns(self, r: Array) -> Array:
+        """Change of pressure by r (columns,) while the holder stays; column = line times planes + plane."""
+        planes = len(self.inverse)
+        changed: Array = (self.inverse @ r.reshape(-1, planes).T[..., None])[..., 0].T.ravel()
+        return changed
+
+    def solve(self, r: Array, carry: Array) -> tuple[Array, Array]:
+        """Changes of pressure (columns,) and of approach and tilt (2,) by r of the columns and of load and moment."""
+        alone = self.columns(r)
+        held = self.holding @ (carry - self.carried @ alone)
+        return alone + self.lifted @ held, held
 
 
 class Settled(NamedTuple):
@@ -80,6 +99,8 @@ class ElasticFoundation:
 
     `stiffness` (Pa/m) turns lengths into pressures, so that all unknowns are alike in size; no answer depends on it.
     Newton's method ends with a step that moves less than the share `rtol` of the load.
+
+    A `compliance` of n columns for more columns than that stands for planes side by side, each in plane strain.
     """
 
     x: Array
@@ -106,9 +127,18 @@ class ElasticFoundation:
         xi: Array = 1.0 - 2.0 * self.x / self.length
         return xi
 
+    @property
+    def _planes(self) -> int:
+        return len(self.x) // len(self._normal)
+
+    def _move(self, compliance: Array, traction: Array) -> Array:
+        """Motion times stiffness (columns,) Pa by a traction (columns,) Pa."""
+        moved: Array = (compliance @ traction.reshape(-1, self._planes)).ravel()
+        return moved
+
     def displace(self, pressure: Array) -> Array:
         """Motion (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
-        return self._normal @ pressure / self.stiffness
+        return self._move(self._normal, pressure) / self.stiffness
 
     def settle(
         self, gap: Array, mean: float, holder: Holder, friction: Friction | None, start: Settled | None
@@ -129,12 +159,12 @@ class ElasticFoundation:
         for _ in range(MOST_STEPS):
             p = np.where(J.touching, p, 0.0)
             mu = None if friction is None else friction(p)
-            step = -J.inverse @ self._residual(p, c, t, g, mean, mu, J)
-            size = np.abs(step[:n]) @ self.dx / (mean * self.dx.sum())
+            step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J))
+            size = np.abs(step) @ self.dx / (mean * self.dx.sum())
             if not np.isfinite(size):
                 raise SolverFailure(TIPPED)
-            moved = p + step[:n], c + step[n], t + step[n + 1]
-            on = self._in_contact(p, step, moved, g, mu, J)
+            moved = p - step, c - dc, t - dt
+            on = self._in_contact(p, moved, g, mu, J)
             if np.array_equal(on, J.touching):
                 balanced = abs(p @ self.dx - mean * self.dx.sum()) <= 1e-12 * mean * self.dx.sum()
                 if size <= self.rtol and balanced:
@@ -159,15 +189,15 @@ class ElasticFoundation:
 
     def derive(self, settled: Settled, gap: Array, mean: float, friction: Friction | None) -> Settled:
         """The answer with the derivative that a complex step in `gap`, or in what friction sees, passes on."""
-        J, n, g = settled.jacobian, len(gap), self.stiffness * gap
+        J, g = settled.jacobian, self.stiffness * gap
         p: Array = settled.pressure + 0j
         c: Any = settled.approach
         t: Any = settled.tilt
         for _ in range(MOST_STEPS):
             mu = None if friction is None else friction(p)
-            step = -1j * (J.inverse @ np.imag(self._residual(p, c, t, g, mean, mu, J)))
-            p, c, t = p + step[:n], c + step[n], t + step[n + 1]
-            if np.abs(step[:n].imag).max() <= 1e-13 * np.abs(p.imag).max():
+            step, (dc, dt) = J.solve(*(np.imag(r) for r in self._residual(p, c, t, g, mean, mu, J)))
+            p, c, t = p - 1j * step, c - 1j * dc, t - 1j * dt
+            if np.abs(step).max() <= 1e-13 * np.abs(p.imag).max():
                 return Settled(p, c, t, J)
         raise SolverFailure("the derivative of the contact pressure was not found")
 
@@ -188,28 +218,23 @@ class ElasticFoundation:
         return settled._replace(jacobian=self._factorise(J.touching, slopes, J.holder))
 
     def response(self, settled: Settled) -> ElasticResponse:
-        """How pressure follows wear and friction around an answer, by its Jacobian."""
-        J, n = settled.jacobian, len(settled.pressure)
-        worn = J.inverse[:n, :n] * (-self.stiffness * J.touching)
-        if not J.holder.shear and J.holder.guided:
-            return ElasticResponse(worn, None)
-        pulled = -J.inverse[:n, :n] @ (J.holder.shear * self._shear * J.touching[:, None])
-        if not J.holder.guided:
-            pulled += np.outer(J.inverse[:n, n + 1], J.holder.arm * self.dx / self.length)
-        return ElasticResponse(worn, pulled)
+        """How pressure follows worn depth and friction around an answer, by its Jacobian."""
+        return ElasticResponse(self, settled.jacobian)
 
-    def _residual(self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian) -> Array:
-        """What is left of the equations: gaps of columns in contact, pressure of the others, load and moment."""
-        n, holder = len(p), J.holder
-        pull = 0.0 if mu is None else mu * p
-        r = np.empty(n + 2, dtype=np.result_type(p, g, pull))
-        gap = self._normal @ p + g - c - t * self._xi
-        if holder.shear:
-            gap = gap + holder.shear * (self._shear @ pull)
-        r[:n] = np.where(J.touching, gap, p)
-        r[n] = p @ self.dx / self.dx.sum() - mean
-        r[n + 1] = t if holder.guided else self._lever(holder, t, 0.5 * self.length * self._xi * p - holder.arm * pull)
-        return r
+    def _residual(
+        self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian
+    ) -> tuple[Array, Array]:
+        """What is left of the equations: gaps of columns in contact and pressure of the others, load and moment."""
+        holder = J.holder
+        pull = 0.0 * p if mu is None else mu * p
+        gap = self._gap(p, pull, c, t, g, holder)
+        tilts = t if holder.guided else self._lever(holder, t, 0.5 * self.length * self._xi * p - holder.arm * pull)
+        return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
+
+    def _gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:
+        """Distance of the columns from the road times stiffness (columns,) Pa."""
+        gap = self._move(self._normal, p) + g - c - t * self._xi
+        return gap + holder.shear * self._move(self._shear, pull) if holder.shear else gap
 
     def _tilt(self, holder: Holder, p: Array, mu: Array | None, found: float) -> float:
         """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
@@ -222,34 +247,32 @@ class ElasticFoundation:
         return moments @ self.dx / self.length + holder.resistance * t / (self.stiffness * self.length)
 
     def _factorise(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: Holder) -> Jacobian:
-        n = len(touching)
-        J = np.zeros((n + 2, n + 2))
-        J[:n, :n] = self._normal
+        planes, n = self._planes, len(self._normal)
+        on, slope = touching.reshape(n, planes).T, slopes.reshape(n, planes).T
+        K = np.broadcast_to(self._normal, (planes, n, n))
         if holder.shear:
-            J[:n, :n] += holder.shear * self._shear * slopes
-        J[:n, n], J[:n, n + 1] = -1.0, -self._xi
-        off = np.flatnonzero(~touching)
-        J[off] = 0.0
-        J[off, off] = 1.0
-        J[n, :n] = self.dx
-        if holder.guided:
-            J[n + 1, n + 1] = 1.0
-        else:
-            J[n + 1, :n] = (0.5 * self.length * self._xi - holder.arm * slopes) * self.dx / self.length
-            J[n + 1, n + 1] = holder.resistance / (self.stiffness * self.length)
-        J[n] /= self.dx.sum()
-        return Jacobian(touching, slopes, holder, _invert(J))
+            K = K + holder.shear * self._shear * slope[:, None, :]
+        K = np.where(on[..., None], K, np.eye(n))
+        lift = touching[:, None] * np.stack([np.ones(len(self.x)), self._xi], axis=1)
+        carried, own = np.zeros((2, len(self.x))), np.zeros((2, 2))
+        carried[0], own[1, 1] = self.dx / self.dx.sum(), 1.0
+        if not holder.guided:
+            carried[1] = (0.5 * self.length * self._xi - holder.arm * slopes) * self.dx / self.length
+            own[1, 1] = holder.resistance / (self.stiffness * self.length)
+        J = Jacobian(touching, slopes, holder, _invert(K), lift, carried, own)
+        lifted = np.stack([J.columns(lift[:, k]) for k in (0, 1)], axis=1)
+        return J._replace(lifted=lifted, holding=_invert(own + carried @ lifted))
 
-    def _in_contact(self, p: Array, step: Array, moved: tuple, g: Array, mu: Array | None, J: Jacobian) -> Array:
+    def _in_contact(
+        self, p: Array, moved: tuple[Array, float, float], g: Array, mu: Array | None, J: Jacobian
+    ) -> Array:
         """Columns in contact after a step: those still pressed, and those that would sink into the road."""
         pressed, c, t = moved
         on = J.touching & (pressed > 0.0)
         if on.all():
             return on
-        gap = self._normal @ pressed + g - c - t * self._xi
-        if J.holder.shear and mu is not None:
-            gap += J.holder.shear * (self._shear @ (mu * p + J.slopes * step[: len(p)]))
-        return np.where(J.touching, on, gap < 0.0)
+        pull = 0.0 * p if mu is None else mu * p + J.slopes * (pressed - p)
+        return np.where(J.touching, on, self._gap(pressed, pull, c, t, g, J.holder) < 0.0)
 
     @staticmethod
     def _slopes(p: Array, friction: Friction) -> Array:
@@ -260,27 +283,49 @@ class ElasticFoundation:
 
 @dataclass(frozen=True)
 class ElasticResponse:
-    """Change of pressure (Pa) by changes of worn depth and of the friction traction at the same pressure.
+    """Change of pressure (columns,) Pa by small changes, around an answer with this Jacobian."""
 
-    `worn` (columns, columns) Pa/m; `pulled` (columns, columns), None where friction does not act on the pressure.
-    """
-
-    worn: Array
-    pulled: Array | None
+    bed: ElasticFoundation
+    jacobian: Jacobian
 
     def __call__(self, worn: Array) -> Array:
-        """Change of pressure (columns,) Pa by a change of worn depth (columns,) m."""
-        change: Array = self.worn @ worn
-        return change
+        """By a change of worn depth (columns,) m."""
+        J = self.jacobian
+        return J.solve(-self.bed.stiffness * J.touching * worn, np.zeros(2))[0]
+
+    def pulled(self, traction: Array) -> Array:
+        """By a change of the friction traction (columns,) Pa at the same pressure."""
+        J, bed = self.jacobian, self.bed
+        r = -J.holder.shear * J.touching * bed._move(bed._shear, traction)
+        moment = 0.0 if J.holder.guided else J.holder.arm * (traction @ bed.dx) / bed.length
+        return J.solve(r, np.array([0.0, moment]))[0]
 
     def solver(self, gain: Array) -> Callable[[Array], Array]:
-        """r -> (1 - diag(gain) dp/dw)^-1 r; `gain` (columns,) m/Pa."""
-        inverse = _invert(np.eye(len(gain)) - gain[:, None] * self.worn)
-        return lambda r: inverse @ r
+        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
+        J, planes = self.jacobian, len(self.jacobian.inverse)
+        give = (-self.bed.stiffness * J.touching).reshape(-1, planes).T
+        alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
+        undone = J._replace(inverse=_invert(alone))
+        spread = gain[:, None] * (J.lifted @ J.holding)  # what comes back by way of the holder, times what is carried
+        X = np.stack([undone.columns(spread[:, k]) for k in (0, 1)], axis=1)
+        worn = -self.bed.stiffness * J.touching
+
+        def carried(r: Array) -> Array:
+            taken: Array = J.carried @ J.columns(worn * r)
+            return taken
+
+        inner = _invert(np.eye(2) + np.stack([carried(X[:, k]) for k in (0, 1)], axis=1))
+
+        def undo(r: Array) -> Array:
+            z = undone.columns(r)
+            changed: Array = z - X @ (inner @ carried(z))
+            return changed
+
+        return undo
 
 
 def _invert(matrix: Array) -> Array:
-    """The inverse, not a number where there is none; one product a step costs less than two triangular solves."""
+    """The inverse, not a number where there is none; a product costs less than two triangular solves."""
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError:

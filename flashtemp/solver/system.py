@@ -265,7 +265,7 @@ class System:
             if parts
         }
         coupling = None
-        if contact is not None and contact.slopes is not None and b.moves_pressure:
+        if contact is not None and contact.slopes is not None and (b.abrades or b.expansion or b.elastic):
             coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, self.road(now), kf, gamma)
         state = None if contact is None else contact.state
         T_in = self.entering(now)

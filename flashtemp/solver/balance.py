@@ -8,6 +8,7 @@ itself while rho c is constant), the worn depth of every column under the block,
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -112,7 +113,7 @@ class Balance:
     @cached_property
     def calm(self) -> bool:
         """Whether pressure and contact laws follow from place and schedule: nothing worn, warm or turned has a say."""
-        told = ("holder.compliance", "contact.shear_traction", "contact.cover")
+        told = ("holder.compliance", "contact.shear_traction", "contact.cover", "block.modulus")
         still = self.laws.calm_contact and not self.laws.restless
         return still and not (self.abrades or self.expansion or any(map(self.laws.has, told)))
 
@@ -192,6 +193,11 @@ class Balance:
         strain = np.swapaxes(strain, 1, 2) if planes == 1 else strain
         swollen: np.ndarray = thermal.reshape(n, -1) @ strain.reshape(-1, planes)
         return swollen.ravel()
+
+    def block_mean(self, T: np.ndarray) -> Any:
+        """Mean rise (K) of the whole block at rises T (cells,)."""
+        mesh, cells = self.scene.mesh, self.scene.mesh.block
+        return (mesh.volume[cells] * (mesh.planes(T)[cells] @ mesh.share)).sum() / mesh.volume[cells].sum()
 
     def carry(self, now) -> np.ndarray:
         """Heat (n_road,) W/(m K) that moves from line to line with the road: none in the road's own frame."""

@@ -85,12 +85,13 @@ class Jacobian(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """An answer: pressure (columns,) Pa, approach and tilt (Pa), and the Jacobian that led to it."""
+    """An answer: pressure (columns,) Pa, approach and tilt (Pa), the Jacobian that led to it, and the hardness E/E_0."""
 
     pressure: Array
     approach: float
     tilt: float
     jacobian: Jacobian
+    hardness: Any = 1.0
 
 
 @dataclass(frozen=True)
@@ -141,25 +142,31 @@ class ElasticFoundation:
         return self._move(self._normal, pressure) / self.stiffness
 
     def settle(
-        self, gap: Array, mean: float, holder: Holder, friction: Friction | None, start: Settled | None
+        self,
+        gap: Array,
+        mean: float,
+        holder: Holder,
+        friction: Friction | None,
+        start: Settled | None,
+        hardness: float = 1.0,
     ) -> Settled:
-        """Pressure that carries the `mean` (Pa), over a `gap` g (columns,) m.
+        """Pressure that carries the `mean` (Pa), over a `gap` g (columns,) m, by a block `hardness` times as stiff.
 
         `friction` is asked where it shears or tips the block, else None.  `start` is an answer nearby.  The answer's
         pressure is one at which friction was asked last.  Raises SolverFailure when the block tips over.
         """
-        n, g = len(self.x), self.stiffness * gap
+        n, g = len(self.x), hardness * self.stiffness * gap
         if start is None:
             on = np.ones(n, dtype=np.bool_)
             start = Settled(np.full(n, mean), 0.0, 0.0, self._factorise(on, 0.0 * self.x, holder))
-        p, c, t, J = start
+        p, c, t, J, _ = start
         if J.holder != holder:
             J = self._factorise(J.touching, J.slopes, holder)
         last, changes, fresh = np.inf, 0, friction is None
         for _ in range(MOST_STEPS):
             p = np.where(J.touching, p, 0.0)
             mu = None if friction is None else friction(p)
-            step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J))
+            step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())
             if not np.isfinite(size):
                 raise SolverFailure(TIPPED)
@@ -168,7 +175,7 @@ class ElasticFoundation:
             if np.array_equal(on, J.touching):
                 balanced = abs(p @ self.dx - mean * self.dx.sum()) <= 1e-12 * mean * self.dx.sum()
                 if size <= self.rtol and balanced:
-                    return Settled(p, moved[1], self._tilt(holder, p, mu, moved[2]), J)
+                    return Settled(p, moved[1], self._tilt(holder, p, mu, moved[2], hardness), J, hardness)
                 if friction is not None and size > SLOW * last:
                     if not fresh:
                         J, fresh = self._factorise(J.touching, self._slopes(p, friction), holder), True
@@ -187,28 +194,24 @@ class ElasticFoundation:
             p, c, t = moved
         raise SolverFailure(f"{TIPPED}, or none was found in {MOST_STEPS} steps; stiffen the holder")
 
-    def derive(self, settled: Settled, gap: Array, mean: float, friction: Friction | None) -> Settled:
-        """The answer with the derivative that a complex step in `gap`, or in what friction sees, passes on."""
-        J, g = settled.jacobian, self.stiffness * gap
+    def derive(self, settled: Settled, gap: Array, mean: float, friction: Friction | None, hardness: Any) -> Settled:
+        """The answer with the derivative that a complex step in `gap`, `hardness` or what friction sees passes on."""
+        J, g = settled.jacobian, hardness * self.stiffness * gap
         p: Array = settled.pressure + 0j
         c: Any = settled.approach
         t: Any = settled.tilt
         for _ in range(MOST_STEPS):
             mu = None if friction is None else friction(p)
-            step, (dc, dt) = J.solve(*(np.imag(r) for r in self._residual(p, c, t, g, mean, mu, J)))
+            step, (dc, dt) = J.solve(*(np.imag(r) for r in self._residual(p, c, t, g, mean, mu, J, hardness)))
             p, c, t = p - 1j * step, c - 1j * dc, t - 1j * dt
             if np.abs(step).max() <= 1e-13 * np.abs(p.imag).max():
-                return Settled(p, c, t, J)
+                return Settled(p, c, t, J, hardness)
         raise SolverFailure("the derivative of the contact pressure was not found")
 
     def press(self, settled: Settled) -> Press:
         """The answer as the contact sees it."""
-        return Press(
-            settled.pressure,
-            settled.tilt / self.stiffness,
-            settled.jacobian.touching,
-            settled.jacobian.holder.resistance,
-        )
+        J, tilt = settled.jacobian, settled.tilt / (settled.hardness * self.stiffness)
+        return Press(settled.pressure, tilt, J.touching, J.holder.resistance)
 
     def renew(self, settled: Settled, slopes: Array) -> Settled:
         """The same answer with other slopes (columns,) of mu p in p, of which its Jacobian is made anew."""
@@ -219,16 +222,21 @@ class ElasticFoundation:
 
     def response(self, settled: Settled) -> ElasticResponse:
         """How pressure follows worn depth and friction around an answer, by its Jacobian."""
-        return ElasticResponse(self, settled.jacobian)
+        J = settled.jacobian
+        return ElasticResponse(self, J, -float(np.real(settled.hardness)) * self.stiffness * J.touching)
 
     def _residual(
-        self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian
+        self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian, hardness: Any
     ) -> tuple[Array, Array]:
         """What is left of the equations: gaps of columns in contact and pressure of the others, load and moment."""
         holder = J.holder
         pull = 0.0 * p if mu is None else mu * p
         gap = self._gap(p, pull, c, t, g, holder)
-        tilts = t if holder.guided else self._lever(holder, t, 0.5 * self.length * self._xi * p - holder.arm * pull)
+        tilts = (
+            t
+            if holder.guided
+            else self._lever(holder, t / hardness, 0.5 * self.length * self._xi * p - holder.arm * pull)
+        )
         return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
 
     def _gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:
@@ -236,12 +244,12 @@ class ElasticFoundation:
         gap = self._move(self._normal, p) + g - c - t * self._xi
         return gap + holder.shear * self._move(self._shear, pull) if holder.shear else gap
 
-    def _tilt(self, holder: Holder, p: Array, mu: Array | None, found: float) -> float:
+    def _tilt(self, holder: Holder, p: Array, mu: Array | None, found: float, hardness: float) -> float:
         """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
         if holder.guided or holder.resistance == 0.0 or mu is None:
             return found
         moments = (0.5 * self.length * self._xi - holder.arm * mu) * p
-        return float(-self.stiffness * (moments @ self.dx) / holder.resistance)
+        return float(-hardness * self.stiffness * (moments @ self.dx) / holder.resistance)
 
     def _lever(self, holder: Holder, t: Any, moments: Array) -> Any:
         return moments @ self.dx / self.length + holder.resistance * t / (self.stiffness * self.length)
@@ -283,15 +291,18 @@ class ElasticFoundation:
 
 @dataclass(frozen=True)
 class ElasticResponse:
-    """Change of pressure (columns,) Pa by small changes, around an answer with this Jacobian."""
+    """Change of pressure (columns,) Pa by small changes, around an answer with this Jacobian.
+
+    `sunk` (columns,) Pa/m turns worn depth into what is left of the equations.
+    """
 
     bed: ElasticFoundation
     jacobian: Jacobian
+    sunk: Array
 
     def __call__(self, worn: Array) -> Array:
         """By a change of worn depth (columns,) m."""
-        J = self.jacobian
-        return J.solve(-self.bed.stiffness * J.touching * worn, np.zeros(2))[0]
+        return self.jacobian.solve(self.sunk * worn, np.zeros(2))[0]
 
     def pulled(self, traction: Array) -> Array:
         """By a change of the friction traction (columns,) Pa at the same pressure."""
@@ -303,15 +314,14 @@ class ElasticResponse:
     def solver(self, gain: Array) -> Callable[[Array], Array]:
         """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
         J, planes = self.jacobian, len(self.jacobian.inverse)
-        give = (-self.bed.stiffness * J.touching).reshape(-1, planes).T
+        give = self.sunk.reshape(-1, planes).T
         alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
         undone = J._replace(inverse=_invert(alone))
         spread = gain[:, None] * (J.lifted @ J.holding)  # what comes back by way of the holder, times what is carried
         X = np.stack([undone.columns(spread[:, k]) for k in (0, 1)], axis=1)
-        worn = -self.bed.stiffness * J.touching
 
         def carried(r: Array) -> Array:
-            taken: Array = J.carried @ J.columns(worn * r)
+            taken: Array = J.carried @ J.columns(self.sunk * r)
             return taken
 
         inner = _invert(np.eye(2) + np.stack([carried(X[:, k]) for k in (0, 1)], axis=1))

@@ -104,6 +104,7 @@ class Interface:
         gap = worn - (1.0 - flat) * bed.displace(now.pressure * self._pressed(now))
         if b.expansion:
             gap = gap - b.swelling(T)
+        hardness = b.laws("block.modulus", 1.0, b.block_mean(T) + b.scene.ambient, now)
         holder = self._holder(now, shear)
         pulled = shear != 0.0 or not holder.guided
 
@@ -115,10 +116,11 @@ class Interface:
             return found
 
         plain = (np.real(a) for a in (T, road, kf))
-        settled = bed.settle(np.real(gap), now.pressure, holder, friction(*plain) if pulled else None, recent.elastic)
+        asked = friction(*plain) if pulled else None
+        settled = bed.settle(np.real(gap), now.pressure, holder, asked, recent.elastic, float(np.real(hardness)))
         recent.elastic = settled
         if any(np.iscomplexobj(a) for a in (gap, T, road, kf)):
-            settled = bed.derive(settled, gap, now.pressure, friction(T, road, kf) if pulled else None)
+            settled = bed.derive(settled, gap, now.pressure, friction(T, road, kf) if pulled else None, hardness)
             recent.flux = None
         return bed.press(settled)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Protocol
@@ -40,7 +40,6 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
     `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
     """
     v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
-    materials = {side: layers.material(values, f"{side}.material") for side in ("block", "road")}
     acting = _acting(values, effects, folder)
     course, pressure = _course(values, folder), _series(values, "contact.pressure", folder)
     plan = Schedule(
@@ -48,7 +47,27 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         heading=course.heading, turns=course.turns, turn=v.schedule.turn,
         alone=v.schedule.alone or 0.0,
     )  # fmt: skip
-    outline = Outline(
+    outline = _outline(values, v, plan)
+    said = [(part, a.p) for a in acting for part in a.contributions(outline)]
+    depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
+    remembers = _remembers(said)
+    schedule = _with_laps(plan, v, remembers)
+    mesh = _mesh(v, outline, schedule, remembers, depths, _resolves(said))
+    if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
+        raise BadInput(
+            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
+            f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
+        )
+    kept = {f.name: getattr(outline, f.name) for f in fields(Scene) if hasattr(outline, f.name)}
+    built = Scene(**kept | {"mesh": mesh, "schedule": schedule, "acting": acting})
+    _check(built)
+    return built
+
+
+def _outline(values: Values, v: Any, plan: Schedule) -> Outline:
+    """What the mesh is made for."""
+    materials = {side: layers.material(values, f"{side}.material") for side in ("block", "road")}
+    return Outline(
         **materials,
         schedule=plan,
         ambient=v.ambient.temperature + KELVIN,
@@ -65,36 +84,6 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         resolved=v.numerics.across > 1,
         layers=layers.stack(values),
     )
-    said = [(part, a.p) for a in acting for part in a.contributions(outline)]
-    depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
-    remembers = _remembers(said)
-    schedule = _with_laps(plan, v, remembers)
-    mesh = _mesh(v, outline, schedule, remembers, depths, _resolves(said))
-    if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
-        raise BadInput(
-            f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
-            f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
-        )
-    built = Scene(
-        mesh=mesh,
-        block=outline.block,
-        road=outline.road,
-        schedule=schedule,
-        acting=acting,
-        ambient=outline.ambient,
-        length=outline.length,
-        height=outline.height,
-        spot_diameter=outline.spot_diameter,
-        spot_fraction=outline.spot_fraction,
-        track_length=outline.track_length,
-        modulus=outline.modulus,
-        poisson=outline.poisson,
-        stiffness=outline.stiffness,
-        elastic_3d=outline.elastic_3d,
-        layers=outline.layers,
-    )
-    _check(built)
-    return built
 
 
 class Theorised(Protocol):

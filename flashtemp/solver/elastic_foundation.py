@@ -85,7 +85,7 @@ class Jacobian(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """An answer: pressure (columns,) Pa, approach and tilt (Pa), the Jacobian that led to it, and the hardness E/E_0."""
+    """An answer: pressure (columns,) Pa, approach and tilt (Pa), the Jacobian that led to it and hardness E/E_0."""
 
     pressure: Array
     approach: float
@@ -232,11 +232,8 @@ class ElasticFoundation:
         holder = J.holder
         pull = 0.0 * p if mu is None else mu * p
         gap = self._gap(p, pull, c, t, g, holder)
-        tilts = (
-            t
-            if holder.guided
-            else self._lever(holder, t / hardness, 0.5 * self.length * self._xi * p - holder.arm * pull)
-        )
+        moments = 0.5 * self.length * self._xi * p - holder.arm * pull
+        tilts = t if holder.guided else self._lever(holder, t / hardness, moments)
         return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
 
     def _gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:

@@ -104,6 +104,8 @@ class Interface:
         gap = worn - (1.0 - flat) * bed.displace(now.pressure * self._pressed(now))
         if b.expansion:
             gap = gap - b.swelling(T)
+        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has("holder.compliance")):
+            return self._on_springs(now, worn, T, road, kf)  # nothing moves it: the prescribed pressure, to the bit
         hardness = b.laws("block.modulus", 1.0, b.block_mean(T) + b.scene.ambient, now)
         holder = self._holder(now, shear)
         pulled = shear != 0.0 or not holder.guided

@@ -218,6 +218,8 @@ class Theory:
         stretch = np.sum(rate * self.weight, axis=-1)
         area = self._fraction(stretch)
         for part in self.enlarged:
+            if part.cutoff > 0.0 and 2 * np.pi / part.cutoff <= self.road.q0:  # the road has no such waves
+                continue
             factor = part(p)
             if self._is_partial(part):
                 P, density, area = self._enlarge_long_waves(part, factor, rate, P, density)

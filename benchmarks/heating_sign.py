@@ -134,20 +134,24 @@ def main() -> None:
     args.add_argument("--out", type=Path, default=OUT)
     given = args.parse_args()
     rows, failed = [], []
-    for kind, ranges in SETS.items():
-        for x in draw_inputs(ranges, given.draws, given.seed):
+    inputs = {kind: draw_inputs(ranges, given.draws, given.seed) for kind, ranges in SETS.items()}
+    for kind, points in inputs.items():
+        for n, x in enumerate(points):
             for speed, law, beside in itertools.product(SPEEDS, LAWS, BESIDE):
-                name = {"set": kind, "speed": speed, "law": law, "beside": beside}
+                name = {"set": kind, "draw": n, "speed": speed, "law": law, "beside": beside}
                 try:
                     found = measure(x, law, beside == BESIDE[1], speed)
                 except SolverFailure as fault:
-                    failed.append(name | {"inputs": x, "why": str(fault)})
+                    failed.append(name | {"why": str(fault)})
                     continue
                 rows.append(name | effects(found) | found | {"inputs": x})
     said = summary(rows)
     for one in said:
         print(json.dumps(one))
-    answer = {"ranges": SETS, "pressures_Pa": PRESSURES, "summary": said, "failed": failed, "rows": rows}
+    kept = [{k: v for k, v in row.items() if k != "inputs"} for row in rows]
+    answer = {
+        "ranges": SETS, "pressures_Pa": PRESSURES, "summary": said, "failed": failed, "inputs": inputs, "rows": kept,
+    }  # fmt: skip
     given.out.write_text(json.dumps(_rounded(answer), indent=None) + "\n", encoding="utf-8")
 
 

@@ -188,6 +188,27 @@ def test_all_laws_of_friction_count_with_heat_and_without():
     assert mu == pytest.approx(expected, rel=5e-3)  # the table stands for the theory
 
 
+def test_the_cutoff_of_skewness_is_an_input(tmp_path, capsys):
+    """The option and the key are one; skewness of all waves changes friction more than that of the long ones."""
+    mu = {}
+    words = ["--pressures", "1e5,3e5", "--speeds", "1", "--workers", "1", "--json"]
+    given = [f"{k}={v}" for k, v in (COARSE | {"schedule.distance": 0.2}).items()]
+    for name, more in {"default": [], "all": ["--skewness-cutoff", "0"]}.items():
+        out = tmp_path / name
+        key = ["persson_friction.payne_rest=1", "persson_friction.work_of_adhesion=0"]
+        assert main(["loads", str(CASE), *given, *key, *words, *more, "--out", str(out)]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["skewness_cutoff_m"] == {"default": 1e-3, "all": 0.0}[name]
+        assert load(out)["persson_friction.skewness_cutoff"] == told["skewness_cutoff_m"]
+        mu[name] = told["mu"]["alone"]["skewness"][0][0] / told["mu"]["none"][0][0]
+    assert mu["default"] == pytest.approx(1.0, abs=0.01)
+    assert mu["all"] < 0.9
+    assert main(["loads", str(CASE), "--skewness-cutoff", "-1", "--out", str(tmp_path / "no")]) == 2
+    told = capsys.readouterr().err.strip()
+    assert "persson_friction.skewness_cutoff" in told
+    assert len(told.splitlines()) == 1
+
+
 @pytest.mark.long
 def test_the_command_with_every_process(tmp_path, capsys):
     out = tmp_path / "out"

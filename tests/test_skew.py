@@ -9,9 +9,11 @@ import pytest
 from scipy.special import ndtri
 
 from flashtemp.errors import BadInput
+from flashtemp.model.build import theory_of
+from flashtemp.model.case import load
 from flashtemp.physics.friction import rheology, roughness_spectrum, skewness
 from flashtemp.physics.friction.adhesive_shear import Shear
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.persson import Enlarged, Theory
 
 ROAD = roughness_spectrum.READY["asphalt A"]
 SMALL = {"grid": 96, "seeds": (0, 1, 2, 3)}
@@ -105,6 +107,80 @@ def test_friction_of_a_skewed_road():
     np.testing.assert_allclose(worn.viscous / plain.viscous, 1 / np.array(part.factor))
     np.testing.assert_allclose(worn.adhesive / plain.adhesive, part.factor)
     assert np.all(worn.mu < plain.mu)
+
+
+class Lowered:
+    """C(q) of a road, multiplied by f^2 at wavenumbers below q (1/m)."""
+
+    reach = (0.0, np.inf)
+
+    def __init__(self, f: float, q: float):
+        self.f, self.q = f, q
+        self.breaks = (*ROAD.law.breaks, q)
+
+    def __call__(self, q):
+        return ROAD.law(q) * np.where(np.asarray(q) < self.q, self.f**2, 1.0)
+
+
+def tops(f: float, cutoff: float) -> Enlarged:
+    """R = 1/f: only tops touch."""
+    return Enlarged((1e3, 1e7), (1 / f, 1 / f), -1.0, cutoff)
+
+
+F, WARM, P = 0.838166, 293.15, 1.5e5
+
+
+@pytest.mark.parametrize("cutoff", [1e-5, 1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("saturation", [True, False])
+def test_skewness_above_a_cutoff_is_a_spectrum_lowered_there(cutoff, saturation):
+    """Small contact: heights f times as large on long waves only, C -> f^2 C below 2 pi/cutoff."""
+    plain = Theory(rheology.READY["A"], ROAD, shear=Shear(4e6), saturation=saturation)
+    low = roughness_spectrum.Spectrum(Lowered(F, 2 * np.pi / cutoff), ROAD.q0, ROAD.q1)
+    known = Theory(plain.rubber, low, shear=plain.shear, saturation=saturation)(0.1, WARM, P)
+    found = Theory(plain.rubber, ROAD, shear=plain.shear, saturation=saturation, enlarged=(tops(F, cutoff),))
+    found = found(0.1, WARM, P)
+    tolerance = 5e-4 if saturation else 1e-8  # the longest waves touch in a tenth and more: erf against its tangent
+    assert found.viscous == pytest.approx(float(known.viscous), rel=tolerance)
+    assert found.area == pytest.approx(float(known.area), rel=tolerance)
+    np.testing.assert_allclose(np.interp(1e5, found.q, found.P), np.interp(1e5, known.q, known.P), rtol=1e-3)
+
+
+def test_skewness_of_all_waves_of_some_and_of_none():
+    """-16 % of the viscoelastic friction on all waves, below 1 % on those above 1 mm (the paper's caveat), 0 on none."""
+    plain = Theory(rheology.READY["A"], ROAD)
+    for speed in (0.1, 1.0):
+        before = plain(speed, WARM, P)
+
+        def change(cutoff, speed=speed, before=before):
+            part = (tops(F, cutoff),)
+            after = Theory(plain.rubber, ROAD, enlarged=part)(speed, WARM, P)
+            return float(after.viscous / before.viscous) - 1, float(after.area / before.area) - 1
+
+        assert change(0.0) == pytest.approx((F - 1, 1 / F - 1), rel=1e-3)
+        assert change(1e-7) == change(0.0)  # shorter than the shortest wave
+        assert abs(change(1e-3)[0]) < 0.01
+        assert 0 < change(1e-3)[1] < 2e-3
+        assert change(0.1) == (0.0, 0.0)  # longer than the longest
+
+
+def test_waves_that_the_road_does_not_have_are_not_skewed(tmp_path):
+    (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
+
+    def theory(**given):
+        case = load(tmp_path, {f"persson_friction.{k}": v for k, v in ({"flattened": F} | given).items()})
+        return theory_of(case)[1].p.theory
+
+    assert theory(skewness_cutoff=0.1).enlarged == ()
+    [default], [every] = theory().enlarged, theory(skewness_cutoff=0.0).enlarged
+    assert (default.cutoff, every.cutoff) == (1e-3, 0.0)
+    both = [theory(skewness_cutoff=c)(0.1, WARM, P) for c in (1e-3, 0.0)]
+    plain = theory(flattened=1.0)(0.1, WARM, P)
+    assert abs(both[0].viscous / plain.viscous - 1) < 0.01
+    assert both[1].viscous / plain.viscous < 0.87
+    # the macroasperity regions of 3 mm are made of skewed waves: they grow as before
+    wave = 2 * np.pi / 3e-3
+    grown = theory().contact(wave, 0.1, WARM, P) / theory(flattened=1.0).contact(wave, 0.1, WARM, P)
+    assert 1.1 < grown < 1 / F
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.optimize import nnls
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import skewed_friction, sliding_contact
+from flashtemp.physics.friction.persson import Theory
 from flashtemp.physics.friction.rheology import READY as RUBBERS
 from flashtemp.physics.friction.rheology import Prony, Rubber
 from flashtemp.physics.friction.skewness import gaussian
@@ -178,6 +180,37 @@ def test_the_twin_with_the_same_spectrum_rubs_more(worn):
     assert np.all(worn.against("mu", "worn", "turned") < 0.75)
     assert np.all(worn.against("area", "worn", "turned") > 1.15)
     np.testing.assert_allclose(worn.against("mu", "turned", "plain"), 1.0, atol=0.1)
+
+
+def test_tops_of_long_waves_are_flattened_alone():
+    """Two waves of one period and an eighth: the long one's tops are lowered, the short one stays."""
+    n, side = 64, 1.0
+    x = np.arange(n) / n
+    long, short = np.cos(2 * np.pi * x)[:, None] + np.zeros(n), 0.5 * np.cos(16 * np.pi * x)[:, None] + np.zeros(n)
+    found = skewed_friction.flatten_tops(long + short, side, 0.6, 0.3)
+    np.testing.assert_allclose(found, np.where(long > 0, 0.6, 1.0) * long + short, atol=1e-12)
+    both = long + short
+    np.testing.assert_array_equal(
+        skewed_friction.flatten_tops(both, side, 0.6, 0.0), np.where(both > 0, 0.6, 1.0) * both
+    )
+
+
+@pytest.mark.long
+def test_wear_of_long_waves_costs_at_most_their_share_of_friction():
+    """f = 0.6 on waves above 8 mm of a road down to 3.1 mm, 1 m/s: friction falls by (1 - f) of what those waves
+    carry at most, for the shorter ones keep theirs; worn on all waves it falls by about 1 - f."""
+    road, shortest, cutoff, p = skewed_friction.READY["asphalt A"], 2 * 2 * np.pi / 250.0 * 4 / 64, 8e-3, 3e5
+    assert road.q0 == 250.0
+    carried = Theory(A, replace(road, q1=2 * np.pi / shortest))(1.0, T, p)
+    long = carried.q < 2 * np.pi / cutoff
+    share = float((carried.density * carried.weight)[long].sum() / carried.viscous)
+    some, every = (
+        skewed_friction.compare(0.6, A, 1.0, T, [p], grid=64, seeds=(0, 1, 2), cutoff=c).against("mu", "worn", "plain")
+        for c in (cutoff, 0.0)
+    )
+    print(some, every, share)
+    assert 0.0 < 1.0 - some[0] < 0.4 * share < 0.3
+    assert every[0] < 0.7
 
 
 def test_a_plain_road_is_not_worn():

@@ -10,6 +10,7 @@ from flashtemp.api.inputs import Count, Overrides, case_of, uncounted
 from flashtemp.api.pictures import AGAIN, drawing
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
+from flashtemp.model.build import theory_of
 from flashtemp.model.case import Case
 from flashtemp.physics.friction.contact_map import Spots
 from flashtemp.runs import area_study, friction_study, load_dependence, rolling, sign_of_friction
@@ -71,16 +72,20 @@ def loads(
     *,
     pressures: Sequence[float] = PRESSURES,
     speeds: Sequence[float] = SPEEDS,
+    skewness_cutoff: float | None = None,
     out: str | Path | None = None,
     workers: int | None = None,
     watch: Count = uncounted,
 ) -> Loads:
     """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
 
-    Nominal `pressures` in Pa and `speeds` in m/s, both rising.  `out`: folder for the case, curves, numbers and a
-    picture.  Raises BadInput, SolverFailure.
+    Nominal `pressures` in Pa and `speeds` in m/s, both rising.  `skewness_cutoff`: shortest wave (m) that skewness
+    flattens, 0 all waves; the case's own if not given.  `out`: folder for the case, curves, numbers and a picture.
+    Raises BadInput, SolverFailure.
     """
     loaded = case_of(case, overrides)
+    if skewness_cutoff is not None:
+        loaded = loaded.with_values({f"{theory_of(loaded)[1].name}.skewness_cutoff": skewness_cutoff})
     load_dependence.refuse_values("--pressures", pressures, 2)
     load_dependence.refuse_values("--speeds", speeds, 1)
     with wanted(out) as work:

@@ -57,6 +57,7 @@ def loads(
     *overrides: str,
     pressures: str = "5e4,1e5,2e5,3e5",
     speeds: str = "0.1,0.5,1.0",
+    skewness_cutoff: float | None = None,
     out: Path | None = None,
     workers: int | None = None,
     trust: Trust = False,
@@ -76,6 +77,8 @@ def loads(
         Nominal contact pressures, Pa, rising.
     speeds
         Sliding speeds, m/s.
+    skewness_cutoff
+        Shortest wave that skewness flattens, m; 0 all waves, persson_friction.skewness_cutoff when not given.
     out
         Result folder; results/CASE-loads when not given.
     workers
@@ -88,7 +91,9 @@ def loads(
     p, v = _numbers("--pressures", pressures, 2), _numbers("--speeds", speeds, 1)
     folder = result_folder(out, f"{loaded.name}-loads")
     with counter(loaded.name) as watch:
-        found = api.loads(loaded, pressures=p, speeds=v, out=folder, workers=workers, watch=watch)
+        found = api.loads(
+            loaded, pressures=p, speeds=v, skewness_cutoff=skewness_cutoff, out=folder, workers=workers, watch=watch
+        )
     emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
     return DONE
 

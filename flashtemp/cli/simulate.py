@@ -116,10 +116,10 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
         Keys of the case to change, as table.key=value.
     """
     from flashtemp.api import inputs, simulation
-    from flashtemp.runs import inert
+    from flashtemp.runs import inert, mesh_error
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
-    cells, remarks = case.scene.mesh.n_cells, inert.remarks(case)
+    cells, remarks = case.scene.mesh.n_cells, inert.remarks(case) + mesh_error.remarks(case)
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     emit(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return DONE

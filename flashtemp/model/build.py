@@ -78,6 +78,7 @@ def _outline(values: Values, v: Any, plan: Schedule) -> Outline:
         spot_fraction=v.contact.spot_fraction,
         track_length=v.road.track_length,
         modulus=v.block.modulus,
+        modulus_slope=v.block.modulus_slope,
         poisson=v.block.poisson,
         stiffness=v.block.stiffness,
         elastic_3d=v.numerics.elastic_3d,

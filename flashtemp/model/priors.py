@@ -24,6 +24,7 @@ USUAL: dict[str, tuple[float, bool, str]] = {  # sd, whether of the value, reaso
     "block.width": (2e-4, ABSOLUTE, CALIPER),
     "block.height": (2e-4, ABSOLUTE, CALIPER),
     "block.modulus": (0.1, RELATIVE, "modulus of a compound from batch to batch"),
+    "block.modulus_slope": (0.003, ABSOLUTE, "tread rubber: -0.003 to -0.01/K"),
     "block.poisson": (0.005, ABSOLUTE, "rubber between 0.485 and 0.4995"),
     "block.stiffness": (0.1, RELATIVE, "modulus of a compound from batch to batch"),
     "contact.pressure": (0.02, RELATIVE, "dead weight over the measured face"),

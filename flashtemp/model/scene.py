@@ -88,6 +88,7 @@ class Outline:
     spot_fraction: float
     track_length: float | None
     modulus: float
+    modulus_slope: float
     poisson: float
     stiffness: float | None
     elastic_3d: bool
@@ -123,9 +124,9 @@ class Scene:
     """A block on a road: everything the balance needs, nothing about files or solvers.
 
     Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
-    `modulus` (Young's, Pa) and `poisson` of the elastic block; with a `stiffness`, Pa per m of compression, it stands
-    on springs instead; `elastic_3d` whether its planes across are
-    one block in 3D, or each in plane strain.  `layers` of the block from the face
+    `modulus` (Young's, Pa), its relative slope with temperature (1/K) and `poisson` of the elastic block; with a
+    `stiffness`, Pa per m of compression, it stands on springs instead; `elastic_3d` whether its planes across are one
+    block in 3D, or each in plane strain.  `layers` of the block from the face
     upwards, of which `block` is the first one's material; none where it is one material.
     """
 
@@ -140,6 +141,7 @@ class Scene:
     spot_diameter: float
     track_length: float | None = None
     modulus: float = 5e6
+    modulus_slope: float = 0.0
     poisson: float = 0.49
     stiffness: float | None = None
     elastic_3d: bool = False

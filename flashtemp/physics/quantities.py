@@ -49,7 +49,6 @@ QUANTITIES: dict[str, Quantity] = {
             "T in the spots, x, y, local pressure, contact fraction, `now.friction`",
         ),
         Quantity("block.expansion", "1/K", "0", "linear thermal expansion of the block", ALONE),
-        Quantity("block.modulus", "1", "1", "E(T) over E of the elastic block, all of it alike", "its mean T, K"),
         Quantity("block.worn", "m", "0", "worn before the first start", PLACE),
         Quantity("holder.compliance", "rad/(N m)", "0", "turn of the holder per moment"),
         Quantity("holder.arm", "m", "0", "height of the holder's pivot, arm of the friction force"),

@@ -97,7 +97,10 @@ def _state(b: Balance, rng) -> np.ndarray:
     """A state as a hot run may have it: no two cells alike, worn unevenly."""
     y = np.zeros(b.size)
     y[: b.n] = b.enthalpy(HOTTEST * rng.uniform(0.0, 1.0, b.n))
-    y[b.worn] = rng.uniform(0.0, 0.1, len(b.cell_block)) * max(b.scene.schedule.pressure.value) / b.foundation.stiffness
+    if b.abrades:
+        y[b.worn] = (
+            rng.uniform(0.0, 0.1, len(b.cell_block)) * max(b.scene.schedule.pressure.value) / b.foundation.stiffness
+        )
     y[b.worn] /= b.worn_unit
     return y
 

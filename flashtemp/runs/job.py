@@ -11,7 +11,7 @@ from pathlib import Path
 
 from flashtemp.errors import AuditFailure, BadInput, FlashtempError, Halted, Incomplete, Interrupted
 from flashtemp.model import case as cases
-from flashtemp.runs import inert, steadiness, vtk
+from flashtemp.runs import inert, mesh_error, steadiness, vtk
 from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
 from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
 from flashtemp.runs.provenance import commit, versions
@@ -210,7 +210,7 @@ def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) ->
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
-    remarks += limits.remarks(run) + inert.remarks(case) + steadiness.remarks(scene, run)
+    remarks += limits.remarks(run) + inert.remarks(case) + steadiness.remarks(scene, run) + mesh_error.remarks(case)
     about = {"versions": versions(case.settings.binding), "commit": commit()} | (
         {"remarks": remarks} if remarks else {}
     )

@@ -108,7 +108,8 @@ class Loads(Shown):
 
     `acting` processes of the case, with `values` {process: value of its key}; those that do not act were tried beside
     them, one at a time, with typical values.  `mu` {processes: mu} of every set of them; `other` heating alone under
-    the other law of the contact fraction, which is `law`.  `signs` (`sign_of_friction.Sign`) say what of it may turn.
+    the other law of the contact fraction, which is `law`.  `skewness_cutoff` (m) is the shortest wave that skewness
+    flattens, 0 all.  `signs` (`sign_of_friction.Sign`) say what of it may turn.
     """
 
     title: str
@@ -119,6 +120,7 @@ class Loads(Shown):
     mu: dict[Names, np.ndarray]
     other: np.ndarray
     law: str
+    skewness_cutoff: float = 0.0
     signs: tuple[Any, ...] = ()
 
     @property
@@ -193,7 +195,8 @@ class Loads(Shown):
         sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "beside")}
         return {
             "title": self.title, "pressure_Pa": self.pressure.tolist(), "speed_m_s": self.speed.tolist(),
-            "contact_fraction": self.law, "leading": self.leading, "acting": list(self.acting), "values": self.values,
+            "contact_fraction": self.law, "skewness_cutoff_m": self.skewness_cutoff,
+            "leading": self.leading, "acting": list(self.acting), "values": self.values,
             "ln_change": self.change(self.every).tolist(),
             "ln_shares": {n: v.tolist() for n, v in self.shares().items()},
             "ln_shares_from_load_to_load": {n: v.tolist() for n, v in self.local().items()},
@@ -237,6 +240,8 @@ class Loads(Shown):
             if p.name not in self.acting:
                 found = ", ".join(map(_percent, shares[p.name]))
                 lines.append(f"  Not in the case: if {p.words} ({p.key} = {self.values[p.name]}), {found}.")
+        waves = f"waves longer than {1e3 * self.skewness_cutoff:g} mm" if self.skewness_cutoff else "all waves"
+        lines.append(f"  Skewness is that of {waves} (skewness_cutoff).")
         lines += [f"  At one temperature: {s}." if s.over == "p" else f"  Heating: {s}." for s in self.signs]
         return "\n".join(lines)
 
@@ -295,7 +300,7 @@ def attribute(
     mu = dict(zip(wanted, tables, strict=False))
     return Loads(
         case.title, np.array(pressures, dtype=float), np.array(speeds, dtype=float), acting, on, mu, tables[-1],
-        _law(case, effect),
+        _law(case, effect), case[f"{table}.skewness_cutoff"],
     )  # fmt: skip
 
 

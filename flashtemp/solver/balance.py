@@ -25,6 +25,7 @@ from flashtemp.solver.winkler import Foundation
 LEDGER = ("friction", "into_road", "lane_out", "lane_air")
 NETS = {"friction": 1.0, "into_road": 0.0}  # how entries of the ledger add to the heat in block and road together
 LANES = {"lane_out": -1.0, "lane_air": 1.0}  # those of the lanes, weighted by their share
+SOFTEST = 0.05  # of the modulus: a straight line of temperature does not go on for ever
 FEEL = 20.0  # K: about what a change of pressure by its mean does to the contact
 
 
@@ -113,9 +114,11 @@ class Balance:
     @cached_property
     def calm(self) -> bool:
         """Whether pressure and contact laws follow from place and schedule: nothing worn, warm or turned has a say."""
-        told = ("holder.compliance", "contact.shear_traction", "contact.cover", "block.modulus")
+        told = ("holder.compliance", "contact.shear_traction", "contact.cover")
         still = self.laws.calm_contact and not self.laws.restless
-        return still and not (self.abrades or self.expansion or any(map(self.laws.has, told)))
+        return still and not (
+            self.abrades or self.expansion or self.scene.modulus_slope or any(map(self.laws.has, told))
+        )
 
     @cached_property
     def elastic(self) -> ElasticFoundation | None:
@@ -194,10 +197,14 @@ class Balance:
         swollen: np.ndarray = thermal.reshape(n, -1) @ strain.reshape(-1, planes)
         return swollen.ravel()
 
-    def block_mean(self, T: np.ndarray) -> Any:
-        """Mean rise (K) of the whole block at rises T (cells,)."""
-        mesh, cells = self.scene.mesh, self.scene.mesh.block
-        return (mesh.volume[cells] * (mesh.planes(T)[cells] @ mesh.share)).sum() / mesh.volume[cells].sum()
+    def hardness(self, T: np.ndarray) -> Any:
+        """Young's modulus at rises T (cells,) over that at ambient temperature: of the whole block at its mean."""
+        slope, mesh, cells = self.scene.modulus_slope, self.scene.mesh, self.scene.mesh.block
+        if slope == 0.0:
+            return 1.0
+        mean = (mesh.volume[cells] * (mesh.planes(T)[cells] @ mesh.share)).sum() / mesh.volume[cells].sum()
+        factor = 1.0 + slope * mean
+        return factor if np.real(factor) > SOFTEST else SOFTEST
 
     def carry(self, now) -> np.ndarray:
         """Heat (n_road,) W/(m K) that moves from line to line with the road: none in the road's own frame."""

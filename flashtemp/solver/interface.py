@@ -106,7 +106,7 @@ class Interface:
             gap = gap - b.swelling(T)
         if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has("holder.compliance")):
             return self._on_springs(now, worn, T, road, kf)  # nothing moves it: the prescribed pressure, to the bit
-        hardness = b.laws("block.modulus", 1.0, b.block_mean(T) + b.scene.ambient, now)
+        hardness = b.hardness(T)
         holder = self._holder(now, shear)
         pulled = shear != 0.0 or not holder.guided
 

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import erf
+from scipy.special import erf, erfinv
 
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.physics.arrays import Value
@@ -31,18 +31,40 @@ LOGS = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
 
 @dataclass(frozen=True)
 class Payne:
-    """Softening of filled rubber with strain: E falls by the factor f = rest + (1 - rest)/(1 + (e/e_c)^(2m)) (Kraus).
+    """Softening of filled rubber with strain e: factors on storage and loss modulus at small strain (Kraus 1984).
 
-    `rest` is what remains at large strain, `strain` e_c where half of the fall has happened, `power` m.
+    With x = (e/e_c)^m storage falls as rest + (1 - rest)/(1 + x^2): `rest` is what remains at large strain, `strain`
+    e_c where half of the fall has happened, `power` m.  Loss falls by the same factor where `loss_peak` is None, else
+    it follows loss_rest + (1 - loss_rest)/(1 + x^2) + 2 (loss_peak - (1 + loss_rest)/2) x/(1 + x^2): 1 at small
+    strain, `loss_peak` at e_c, `loss_rest` at large strain.  With loss_rest = 1 that is Kraus' own law, largest at e_c.
+    Raises BadInput for a `loss_peak` below (1 + loss_rest)/2, where the term of Kraus would be negative.
     """
 
     rest: float = 0.4
     strain: float = 0.05
     power: float = 0.6
+    loss_peak: float | None = None
+    loss_rest: float = 1.0
+
+    def __post_init__(self) -> None:
+        lowest = 0.5 * (1.0 + self.loss_rest)
+        if self.loss_peak is not None and self.loss_peak < lowest:
+            raise BadInput(
+                f"payne_loss_peak: {self.loss_peak:g} is below {lowest:g}, the mean of 1 and payne_loss_rest = "
+                f"{self.loss_rest:g}; give at least that"
+            )
 
     def __call__(self, strain: Value) -> Value:
-        """Factor on the modulus."""
+        """Factor on the storage modulus."""
         return self.rest + (1.0 - self.rest) / (1.0 + (strain / self.strain) ** (2 * self.power))
+
+    def loss(self, strain: Value) -> Value:
+        """Factor on the loss modulus."""
+        if self.loss_peak is None:
+            return self(strain)
+        x = (strain / self.strain) ** self.power
+        kraus = 2.0 * (self.loss_peak - 0.5 * (1.0 + self.loss_rest)) * x
+        return self.loss_rest + (1.0 - self.loss_rest + kraus) / (1.0 + x**2)
 
 
 @dataclass(frozen=True)
@@ -50,11 +72,14 @@ class Enlarged:
     """What changes the area in contact by a factor that depends on the nominal pressure (Pa, rising).
 
     The adhesive part of friction follows the area; the viscoelastic part follows its power `viscous`.
+    Only waves longer than `cutoff` (m) are changed, 0 all of them.  The shorter waves keep their spectrum and lie on
+    the enlarged contact: what they add to G stays, and P follows from that sum.
     """
 
     pressure: tuple[float, ...]
     factor: tuple[float, ...]
     viscous: float = 1.0
+    cutoff: float = 0.0
 
     def __call__(self, p: Value) -> Value:
         """Factor on the area in contact at nominal pressures p (Pa), ends held."""
@@ -87,12 +112,16 @@ class Found:
 
 @lru_cache(maxsize=16)
 def _angular(rubber: Rubber) -> Value:
-    """ln int |E|^2 dphi and int cos phi Im E dphi over its root, against ln(q v a_T); E over 1 - nu^2, Pa."""
+    """Splines over ln(q v a_T) of integrals over the angle phi; E over 1 - nu^2, Pa.
+
+    ln of I = int |E|^2 dphi, int cos phi Im E dphi over the root of I, and int (Im E)^2 dphi over I.
+    """
     x, w = np.polynomial.legendre.leggauss(ANGLES)
     cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
     E = rubber.modulus(np.multiply.outer(np.exp(LOGS), cos)) / (1.0 - rubber.poisson**2)
     square = (np.abs(E) ** 2) @ w
-    return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, (E.imag * cos) @ w / np.sqrt(square))
+    lost, share = (E.imag * cos) @ w / np.sqrt(square), E.imag**2 @ w / square
+    return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, lost), CubicSpline(LOGS, share)
 
 
 @lru_cache(maxsize=16)
@@ -120,7 +149,9 @@ class Theory:
     @cached_property
     def _nodes(self) -> Value:
         """Gauss nodes (n,) of q in panels of ln q, their weights dq, and integrals from q0 up to each node."""
-        edges = np.log(self.road.edges())
+        ends = self.road.edges()
+        inner = [2 * np.pi / part.cutoff for part in self.enlarged if self._is_partial(part)]
+        edges = np.log(np.union1d(ends, inner) if inner else ends)
         x, w = np.polynomial.legendre.leggauss(ORDER)
         half = 0.5 * np.diff(edges)
         q = np.exp(0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * x)
@@ -158,11 +189,14 @@ class Theory:
         shape = np.broadcast_shapes(v.shape, p.shape, T.shape[:-1], surface.shape)
         v, p, T = (np.broadcast_to(a, (*shape, a.shape[-1])) for a in (v[..., None], p[..., None], T))
         q = self.q
-        square, loss = _angular(self.rubber)
+        square, loss, share = _angular(self.rubber)
         x = np.clip(np.log(q * v * self.rubber.factor(T)), LOGS[0], LOGS[-1])
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
-        softer = 1.0
+        # factors on the root of int |E|^2 dphi and on the loss modulus
+        softer: Value = 1.0
+        loss_factor: Value = 1.0
+        loss_share = np.clip(share(x), 0.0, 1.0) if self._has_own_loss else 0.0
         for _ in range(1 if self.payne is None else PASSES):
             rate = q**3 * C * (softer * root) ** 2 / 8
             G = np.maximum(self.up_to(rate), 1e-300)
@@ -171,23 +205,63 @@ class Theory:
                 break
             strain = np.sqrt(2 * np.pi) / (P * softer * root)
             new = self.payne(strain)
+            loss_factor = self.payne.loss(strain)
+            if self._has_own_loss:
+                new = np.sqrt((1.0 - loss_share) * new**2 + loss_share * loss_factor**2)
             change, softer = np.max(np.abs(new - softer)), new
             if change < 1e-8:
                 break
         else:
             raise SolverFailure(f"softening of the rubber with strain does not settle: {change:.1g} of the modulus")
-        S = self.gamma + (1 - self.gamma) * P**2 * self.saturation
-        density = 0.5 * q**3 * C * S * P * softer * root * loss(x)
+        S = self._dissipated_share(P)
+        density = 0.5 * q**3 * C * S * P * loss_factor * root * loss(x)
         stretch = np.sum(rate * self.weight, axis=-1)
         area = self._fraction(stretch)
         for part in self.enlarged:
+            if part.cutoff > 0.0 and 2 * np.pi / part.cutoff <= self.road.q0:  # the road has no such waves
+                continue
             factor = part(p)
+            if self._is_partial(part):
+                P, density, area = self._enlarge_long_waves(part, factor, rate, P, density)
+                continue
             P, density, area = P * factor, density * factor**part.viscous, area * factor[..., 0]
         if self.saturation and self.enlarged:
             P, area = np.minimum(P, 1.0), np.minimum(area, 1.0)
         viscous = np.sum(density * self.weight, axis=-1)
         adhesive = 0.0 * viscous if self.shear is None else self.shear(v[..., 0], surface) * area / p[..., 0]
         return Found(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
+
+    def _dissipated_share(self, P: Value) -> Value:
+        """S of P: the share of the stored energy that is lost where contact is partial."""
+        return self.gamma + (1 - self.gamma) * P**2 * self.saturation
+
+    def _enlarge_long_waves(self, part: Enlarged, factor: Value, rate: Value, P: Value, density: Value) -> Value:
+        """P and dmu_visc/dq (..., n) and A/A0 (...) once a part has enlarged the contact of waves above its cut-off.
+
+        `rate` (..., n) is dG/dq.  The enlarged contact at the cut-off is that of some smaller G; the shorter waves
+        add to it what they added before.
+        """
+        long = self.q < 2 * np.pi / part.cutoff
+        G = np.maximum(self.up_to(rate), 1e-300)
+        whole = np.sum(rate * self.weight, axis=-1, keepdims=True)
+        before = np.sum((rate * self.weight)[..., long], axis=-1, keepdims=True)
+        enlarged = factor * self._fraction(before)
+        after = 0.25 / erfinv(np.minimum(enlarged, 1 - 1e-9)) ** 2 if self.saturation else 1 / (np.pi * enlarged**2)
+        plain, shifted = self._fraction(G), self._fraction(np.maximum(G - before + after, 1e-300))
+        gain = shifted / plain
+        kept = self._dissipated_share(shifted) / self._dissipated_share(plain)
+        P = P * np.where(long, factor, gain)
+        density = density * np.where(long, factor**part.viscous, gain * kept)
+        return P, density, self._fraction(whole - before + after)[..., 0]
+
+    @property
+    def _has_own_loss(self) -> bool:
+        """Whether the loss modulus changes with strain by another factor than the storage modulus."""
+        return self.payne is not None and self.payne.loss_peak is not None
+
+    def _is_partial(self, part: Enlarged) -> bool:
+        """Whether a part changes the contact on some of the waves only."""
+        return part.cutoff > 0.0 and self.road.q0 < 2 * np.pi / part.cutoff < self.road.q1
 
     def _fraction(self, G: Value) -> Value:
         """P of G: erf(1/(2 sqrt G)), or its tangent at small contact where saturation is left out."""

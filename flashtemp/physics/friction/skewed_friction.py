@@ -46,6 +46,19 @@ class Compared:
         return found
 
 
+def flatten_tops(heights: np.ndarray, side: float, f: float, cutoff: float) -> np.ndarray:
+    """Heights (n, n) m of a periodic square of `side` m: the sum of its waves longer than `cutoff` (m), times f where
+    it is above the mean plane, and of its shorter waves as they are; 0 takes all waves for long."""
+    long = heights
+    if cutoff > 0.0:
+        n = len(heights)
+        along = np.fft.fftfreq(n, side / n)
+        waves = np.hypot(along[:, None], along[: n // 2 + 1])  # cycles per m
+        long = np.fft.irfft2(np.where(waves * cutoff < 1.0, np.fft.rfft2(heights), 0.0), s=heights.shape)
+    lowered: np.ndarray = np.where(long > 0.0, f, 1.0) * long + (heights - long)
+    return lowered
+
+
 def compare(
     f: float,
     rubber: Rubber,
@@ -55,11 +68,12 @@ def compare(
     grid: int = 128,
     seeds: Sequence[int] = (0, 1, 2),
     road: Spectrum = READY["asphalt A"],
+    cutoff: float = 0.0,
 ) -> Compared:
     """Slide `rubber` at `speed` (m/s), temperature T (K) and nominal `pressures` (n,) Pa over the three roads.
 
-    The square of `grid`^2 points holds the road's waves down to four pixels.  Raises BadInput for f outside ]0, 1] or
-    pressures that are not positive, SolverFailure.
+    The square of `grid`^2 points holds the road's waves down to four pixels; those longer than `cutoff` (m) are worn, 0
+    all.  Raises BadInput for f outside ]0, 1] or pressures that are not positive, SolverFailure.
     """
     p = np.atleast_1d(np.asarray(pressures, dtype=float))
     if not 0.0 < f <= 1.0 or not np.all(p > 0) or not speed > 0:
@@ -74,6 +88,6 @@ def compare(
     found = []
     for seed in seeds:
         heights, side = gaussian(road, grid, seed)
-        worn = np.where(heights > 0.0, f, 1.0) * heights
+        worn = flatten_tops(heights, side, f, cutoff)
         found.append([[(s.mu, s.area, s.friction_by_loss) for s in one(h, side)] for h in (heights, worn, -worn)])
     return Compared(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))

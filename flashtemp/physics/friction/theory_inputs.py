@@ -34,12 +34,19 @@ def theory(values: dict[str, Any], folder: Path, table: str) -> Theory:
     shear = None
     if values["shear_stress"] > 0:
         shear = Shear(values["shear_stress"], values["shear_width"], values["shear_speed"], values["activation"])
-    payne = None
-    if values["payne_rest"] < 1.0:
-        payne = Payne(values["payne_rest"], values["payne_strain"])
+    payne = _payne(values, table) if values["payne_rest"] < 1.0 else None
     road = _road(values, folder, table)
     plain = Theory(_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne)
-    return replace(plain, enlarged=_enlarged(values["flattened"], values["work_of_adhesion"], plain))
+    skewed = values["flattened"], values["skewness_cutoff"]
+    return replace(plain, enlarged=_enlarged(*skewed, values["work_of_adhesion"], plain))
+
+
+def _payne(values: dict[str, Any], table: str) -> Payne:
+    loss = {"loss_peak": values["payne_loss_peak"], "loss_rest": values["payne_loss_rest"]}
+    try:
+        return Payne(values["payne_rest"], values["payne_strain"], **loss)
+    except BadInput as fault:
+        raise BadInput(f"{table}.{fault}") from fault
 
 
 def _rubber(values: dict[str, Any], folder: Path, table: str) -> rheology.Rubber:
@@ -123,11 +130,23 @@ def _unknown(key: str, name: str, ready: Collection[str], otherwise: str) -> str
     return f"{key}: '{name}' is none of {', '.join(ready)}{nearest(name, ready)}; or give {otherwise}"
 
 
-def _enlarged(flattened: float, work: float, plain: Theory) -> tuple[Any, ...]:
-    """What skewness and work of adhesion do to the area."""
+def _enlarged(flattened: float, cutoff: float, work: float, plain: Theory) -> tuple[Any, ...]:
+    """What skewness of the waves above `cutoff` (m) and work of adhesion do to the area."""
     modulus = low_modulus(plain)
-    skewed = (_skewed(flattened, modulus, plain.road),) if flattened < 1.0 else ()
+    skewed = _skewed_waves(flattened, cutoff, modulus, plain.road) if flattened < 1.0 else ()
     return skewed + ((_attracted(work, replace(plain, payne=None)),) if work > 0.0 else ())
+
+
+def _skewed_waves(
+    flattened: float, cutoff: float, modulus: float, road: roughness_spectrum.Spectrum
+) -> tuple[Any, ...]:
+    """The enlarged contact of a road whose waves above `cutoff` (m) are skewed; 0 all waves."""
+    shortest = 2 * np.pi / cutoff if cutoff > 0.0 else road.q1
+    if shortest <= road.q0:  # the road has no such waves
+        return ()
+    if shortest >= road.q1:
+        return (_skewed(flattened, modulus, road),)
+    return (replace(_skewed(flattened, modulus, replace(road, q1=shortest)), cutoff=cutoff),)
 
 
 @lru_cache(maxsize=32)
@@ -145,10 +164,13 @@ def _attracted(work: float, plain: Theory) -> Any:
 
 
 def assumed(values: dict[str, Any]) -> list[str]:
-    """In words: what the case leaves open and the theory needs."""
+    """In words: what the case leaves open and the theory needs, and keys that have no say."""
+    said = []
     if values["master_curve"] is not None and values["wlf"] is None and values["shift"] is None:
-        return [f"no shift factor was given: the master curve is shifted by C1, C2 = {USUAL_WLF} K, those of rubber A"]
-    return []
+        said += [f"no shift factor was given: the master curve is shifted by C1, C2 = {USUAL_WLF} K, those of rubber A"]
+    if values["payne_loss_peak"] is not None and values["payne_rest"] == 1.0:
+        said += ["payne_loss_peak has no say: payne_rest = 1 switches the softening off; give less than 1"]
+    return said
 
 
 def low_modulus(theory: Theory) -> float:

@@ -55,7 +55,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 
 .venv/bin/pip:
 	@test -n "$(PYTHON)" || { echo "flashtemp needs Python 3.11 or later: apt-get install python3-venv"; exit 1; }
-	@echo "setting up .venv, about a minute"
+	@echo "setting up .venv: two to six minutes on two cores, once"
 	@$(PYTHON) -m venv --clear .venv
 
 $(READY): pyproject.toml | .venv/bin/pip

@@ -8,6 +8,7 @@
 `kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for a mistake of the set-up,
 `setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues;
 a results file holds the verdicts of one engine.  Tables have a row per kind and per source, the first word of a NAME.
+A summary keeps the rows that its file has of other sources.
 `--store STORE` keeps the evidence of each verdict, some 30 kB, in STORE/NAME.pkl.xz for `criteria_replay.py`.
 """
 
@@ -316,6 +317,15 @@ def summarise(records: list[Record]) -> Record:
     }
 
 
+def keep_other_sets(found: Record, before: Record) -> Record:
+    """A summary with the rows of an earlier one, of all sets that it does not have itself."""
+    own = {row["set"] for row in found["rows"]}
+    return found | {
+        part: sorted([*found[part], *(r for r in before[part] if r["set"] not in own)], key=lambda r: r["set"])
+        for part in ("rows", "intervals")
+    }
+
+
 def summarise_row(records: list[Record], usual_count_s: float) -> Record:
     """Campaigns of one row by SUMMARY_COLUMNS, with their CPU seconds on the reference core."""
     count = Counter(map(summary_column, records))
@@ -386,8 +396,11 @@ def main() -> None:
         run_campaigns(args.folder, args.results, args.only, args.engine, args.processes, args.limit, args.store)
     elif args.command == "summary":
         records = {r["name"]: r for file in args.results for r in read_records(file)}
+        found = summarise(list(records.values()))
+        if args.out.exists():
+            found = keep_other_sets(found, json.loads(args.out.read_text(encoding="utf-8")))
         args.out.parent.mkdir(parents=True, exist_ok=True)
-        args.out.write_text(json.dumps(summarise(list(records.values())), indent=1) + "\n", encoding="utf-8")
+        args.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     else:
         files = [read_records(f) for f in (args.results, args.other) if f is not None]
         records = [[r for r in file if fnmatch(r["name"], args.only)] for file in files]

@@ -3,6 +3,7 @@
     python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
     python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
     python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/truth, with the errors of uncooled cameras
+    python benchmarks/discover.py store 7000 7050 FOLDER           the campaigns of `realistic`, for campaigns.py
     python benchmarks/discover.py table found.jsonl
 
 In the first two modes truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two,
@@ -123,27 +124,44 @@ def one(seed: int, wide: bool = False) -> dict:
     return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
 
 
-def one_realistic(seed: int) -> dict:
-    """Make a campaign in the independent laboratory with uncooled cameras, discover, then open the truth."""
+def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
+    """The campaign that the independent laboratory measures with uncooled cameras, in `folder`; hidden effects with
+    their parameters, and what else was drawn."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
     from truth import laboratory
 
+    hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
+    pitch = {"sidewall": 4e-4, "wake": 1e-3}
+    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, behind=0.02, **laboratory.film(20, 3))
+    drawn = laboratory.campaign(folder, hidden, plan["seed"], test=test, uncooled=True)
+    file = folder / "campaign.toml"
+    candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"  # effects that the laboratory knows
+    file.write_text(re.sub(r"(?m)^case = .*\n", rf"\g<0>{candidates}", file.read_text(), count=1))
+    return {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()}, drawn
+
+
+def store_realistic(first: int, last: int, folder: Path) -> None:
+    """Campaigns of seeds first..last-1 as `campaigns.py run` reads them."""
+    for seed in range(first, last):
+        own, plan = folder / f"realistic_{seed}", draw_realistic(seed)
+        hidden, drawn = make_realistic(plan, own / "campaign")
+        truth = {"kind": plan["kind"], "hidden": hidden, "drawn": drawn["drawn"], "recordings": drawn["recordings"]}
+        (own / "truth.json").write_text(json.dumps(truth, default=float))
+
+
+def one_realistic(seed: int) -> dict:
+    """Make a campaign in the independent laboratory with uncooled cameras, discover, then open the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine
 
     plan, count_s = draw_realistic(seed), counting_time()
-    hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
-    pitch = {"sidewall": 4e-4, "wake": 1e-3}
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, behind=0.02, **laboratory.film(20, 3))
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        drawn = laboratory.campaign(folder, hidden, seed, test=test, uncooled=True)
+        hidden, drawn = make_realistic(plan, Path(folder))
         made = time.process_time() - began
-        loaded = replace(campaign.load(folder), candidates=tuple(REALISTIC))
-        verdict, search = engine.discover(loaded, workers=1)
+        verdict, search = engine.discover(campaign.load(folder), workers=1)
     cpu = time.process_time() - began
-    truth = {"hidden": {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()},
-             "nuisance": drawn["drawn"]}  # fmt: skip
+    truth = {"hidden": hidden, "nuisance": drawn["drawn"]}
     cameras = {file: r["camera"] for file, r in drawn["recordings"].items()}
     found = _record(verdict, search, truth) | {"cameras": cameras}
     return plan | found | {"made_s": made, "cpu_s": cpu, "count_s": count_s}
@@ -281,5 +299,7 @@ if __name__ == "__main__":
         run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *processes, mode=mode)
         if mode == "realistic":
             table(Path(sys.argv[4]))
+    elif sys.argv[1] == "store":
+        store_realistic(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
     else:
         table(Path(sys.argv[2]))

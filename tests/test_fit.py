@@ -23,7 +23,8 @@ from flashtemp.discovery.estimation.fitting import (
     fit_hypothesis,
     run_fits,
 )
-from flashtemp.discovery.estimation.linear_gaussian import residual
+from flashtemp.discovery.estimation.hyperparameters import estimate
+from flashtemp.discovery.estimation.linear_gaussian import System, residual
 from flashtemp.discovery.estimation.linearised_fit import Status
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, UNSURE, nuisance_priors
@@ -186,6 +187,21 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
     assert abs(found.model.placed(p) - best.placed(p)) < 0.001
     assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NOISE_GAIN)
+
+
+def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
+    """Nothing that is fitted knows it; without it the image would be compared where it is stated to lie."""
+    base, file = two.base, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
+    p = ParameterId(Kind.SHIFT_U, file=file)
+    blocks = [replace(b, held_out=b.label == file) for b in base.system.blocks]
+    [image] = [b for b in blocks if b.held_out]
+    one_pixel = np.hstack([image.C, image.F])[:, dict(image.names)[p]]
+    moved = [replace(b, r=b.r + one_pixel) if b is image else b for b in blocks]
+    before, after = (
+        estimate(two.problem, System(some), base.model, {}, variances=base.hyper.variances).solution[p]
+        for some in (blocks, moved)
+    )
+    assert after - before == pytest.approx(1.0, abs=0.5)  # nearer to where it lies than to where it lay
 
 
 def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(two):

@@ -217,6 +217,17 @@ def test_the_summary_counts_every_campaign_once_and_no_cause_in_nothing_as_right
     assert sorted(o for some in campaigns.SUMMARY_COLUMNS.values() for o in some) == sorted(campaigns.OUTCOMES)
 
 
+def test_a_summary_replaces_its_own_sets_and_keeps_others(campaigns, tmp_path, monkeypatch):
+    out, results = tmp_path / "summary.json", tmp_path / "results.jsonl"
+    for names in (("ideal_1", "setup_1"), ("ideal_1", "ideal_2")):
+        rows = [record(name=n, effects=["pressure_tilt"], z={"pressure_tilt": 7.0}) for n in names]
+        results.write_text("".join(json.dumps(r) + "\n" for r in rows))
+        monkeypatch.setattr(sys, "argv", ["campaigns.py", "summary", str(results), "--out", str(out)])
+        campaigns.main()
+    found = json.loads(out.read_text())
+    assert [(r["set"], r["campaigns"]) for r in found["rows"]] == [("ideal", 2), ("setup", 1)]
+
+
 def test_cpu_seconds_are_shown_raw_and_scaled_to_the_reference_core(campaigns):
     """A core that counts in 0.36 s is half as fast as the reference: 40 s are 20 s there; a timeout takes the median."""
     rows = [record(cpu_s=s, count_s=0.36) for s in (20.0, 40.0)] + [record(verdict="timeout", cpu_s=300.0)]

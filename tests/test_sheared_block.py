@@ -82,3 +82,16 @@ def test_springs_refuse_what_only_an_elastic_block_can_do(lab, effect):
 def test_an_edge_is_rounded_or_chamfered(lab):
     with pytest.raises(BadInput, match=r"face_shape\.chamfer"):
         lab.case(effects=["face_shape"], face_shape__edge_radius=1e-3, face_shape__chamfer=1e-3, **SMALL)
+
+
+def test_a_softer_block_is_pressed_less_unevenly_by_its_profile(lab):
+    """The modulus is that at the block's mean temperature."""
+    worn = {"effects": ["face_shape"], "face_shape__profile": [[0.0, 2e-5], [0.025, 0.0]], **SMALL}
+    softened = lab.case(block__modulus_slope=-0.02, **worn)
+    mesh = softened.mesh
+    cells = mesh.volume[mesh.block]
+    mean = (softened.section(-1)[mesh.block] - softened.ambient_degC).ravel() @ cells.ravel() / cells.sum()
+    same = lab.case(block__modulus=5e6 * (1.0 - 0.02 * mean), **worn)
+    assert mean > 0.1
+    np.testing.assert_allclose(softened.pressure[-1], same.pressure[-1], rtol=1e-4)
+    assert softened.pressure[-1, 0] > softened.pressure[0, 0] + 100.0  # the worn edge

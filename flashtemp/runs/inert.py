@@ -56,7 +56,7 @@ def _coarse(case: Case) -> Scene:
     """The scene of a case, or where that is large one of a coarser mesh with the same dimensions."""
     if case.scene.mesh.n_cells <= LARGE:
         return case.scene
-    across = min(4, case["numerics.across"])
+    across = min(8, case["numerics.across"])
     try:
         return case.with_values({"numerics.mesh": "coarse", "numerics.across": across}).scene
     except FlashtempError:  # nothing coarser can be

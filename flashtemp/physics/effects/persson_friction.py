@@ -33,9 +33,7 @@ class PerssonFriction(Effect):
     )
     wlf = Param(None, "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
-    shift = Param(
-        None, "degC, 1", "temperature and log10 a_T instead of wlf: CSV file or rows", kinds=("text", "table")
-    )
+    shift = Param(None, "degC, 1", "temperature and log10 a_T, instead of wlf: file or rows", kinds=("text", "table"))
     poisson = Param(0.5, "1", "Poisson's ratio", low=0.0, high=0.5)
     road = Param("asphalt A", "1", "name of a ready road; spectrum takes its place", kinds=("name",))
     spectrum = Param(None, "1/m, m4", "wavenumber and spectrum C(q): CSV file, rows, or a law", kinds=("text", "table"))

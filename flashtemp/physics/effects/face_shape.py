@@ -26,6 +26,7 @@ class FaceShape(Effect):
     source = "elastic block bonded to its holder, theory 7.1"
     uniform = True
     tells = ("less pressure at both edges, more in the middle",)
+    alike = "pressure_crown"
     steady = True
 
     strength = Param(1.0, "1", "0: the prescribed pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)

@@ -28,7 +28,7 @@ class Set:
     road_k: float = 1.0
     road_rc: float = 2300.0 * 950.0
     diameter: float = 3e-3
-    columns: int = 200
+    columns: int = 60
     cells: int = 60
 
     @property
@@ -65,15 +65,15 @@ def kept(s: Set, age: np.ndarray, floor: float) -> np.ndarray:
     return np.maximum(1.0 - i0e(X) - i1e(X), floor)
 
 
-def slide(s: Set, speed: float, distance: float, pressure, fraction, mu=1.0, widening=True, flash=False, pairs=None):
+def slide(s: Set, speed: float, distance: float, pressure, fraction, mu=1.0, widening=True, flash=True):
     """Rises (columns,) of the block's face and in the spots after a slide under `pressure` (columns,) Pa.
 
-    `pairs` are `Classes`, nested if None.  The flash is eqs. (8) and (9) after more than a diameter.
+    The flash is eqs. (8) and (9) after more than a diameter.
     """
     n, dt = s.columns, s.length / s.columns / speed
     fraction = np.broadcast_to(fraction, n).astype(float)
-    pairs = pairs or Classes.nested(fraction)
-    share = pairs.touch * pairs.width[:, None] / fraction  # of what touches in a column
+    lanes = Classes.nested(fraction)
+    share = lanes.touch * lanes.width[:, None] / fraction  # of what touches in a column
     floor = fraction.mean()
     edge = (np.arange(n + 1) - 0.5) * dt
     edge[0] = 0.0
@@ -86,18 +86,18 @@ def slide(s: Set, speed: float, distance: float, pressure, fraction, mu=1.0, wid
     spot = (1.0 - fraction) * theta
     heat = mu * np.asarray(pressure) * speed / fraction
     block = Block(s, dt)
-    received = np.zeros((n, *pairs.touch.shape))  # by stretch of road, class and the column under which it was
+    received = np.zeros((n, *lanes.touch.shape))  # by stretch of road, class and the column under which it was
     for step in range(round(distance / speed / dt)):
         rows = (step - np.arange(n)) % n
         received[rows[0]] = 0.0
-        past = np.einsum("ijc,ic->ji", received[rows], weight)
+        past = (received[rows] @ weight[:, :, None])[:, :, 0].T
         known, answer = block.before()
         mean = (share * past).sum(axis=0)
         beside = spot + memory[0]
         into = (memory[0] * heat + mean - known) / (beside + answer * fraction)  # mean of all that touch
         face = known + answer * fraction * into
         each = (memory[0] * heat + past - face) / beside
-        received[rows, :, np.arange(n)] = np.where(pairs.touch, heat - each, 0.0).T
+        received[rows, :, np.arange(n)] = np.where(lanes.touch, heat - each, 0.0).T
         block.go(fraction * into)
     return face, face + spot * into
 
@@ -107,7 +107,7 @@ class Block:
 
     def __init__(self, s: Set, dt: float):
         self.s, self.dt, self.T = s, dt, np.zeros((s.cells, s.columns))
-        dz = s.dz
+        self.dz = dz = s.dz
         g = s.k * dt / (0.5 * (dz[1:] + dz[:-1])) / s.rc
         self.banded = np.zeros((3, s.cells))
         self.banded[1] = 1.0
@@ -126,7 +126,7 @@ class Block:
         flow = np.diff(self.T, axis=1, prepend=self.T[:, :1], append=self.T[:, -1:])
         along = s.k / s.rc * self.dt / dx**2 * np.diff(flow, axis=1)
         self.T = solve_banded((1, 1), self.banded, self.T + along)
-        half = s.dz[0] / (2.0 * s.k)
+        half = self.dz[0] / (2.0 * s.k)
         return self.T[0], self.unit[0] + half
 
     def go(self, flux: np.ndarray) -> None:

@@ -52,6 +52,8 @@ class ContactState(NamedTuple):
     half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
     under: Overlap  # the road under the columns
     rim: Any = 0.0  # m2 K/W by which road that a column of cells holds in part is hotter there than on average
+    apart: Any = None  # `lanes.Apart`, where `lane` and `fall` have still to follow from the temperatures
+    follow: Any = None  # `lanes.Follow`, where they did
 
 
 class Fluxes(NamedTuple):

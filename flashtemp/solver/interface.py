@@ -52,6 +52,7 @@ class Interface:
         While the block is lifted there are no fluxes.
         """
         now, press, state = self.settled(now, worn, T, road, kf)
+        state = self.told(state, now, T, road)
         if not now.touching:
             return Contact(state, press)
         if slopes:
@@ -205,7 +206,7 @@ class Interface:
         laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.recent, len(local)
         now = now.under(mesh, local_pressure=local, face=face)
         phi = laws("contact.spot_fraction", 0.0, None, now)
-        phi = kernels_contact.between(columns(phi, n), 1e-6, 1.0)
+        phi = kernels_contact.between(columns(phi, n), lanes.SMALLEST, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
@@ -215,7 +216,8 @@ class Interface:
             seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
             recent.fraction, recent.spread = phi, (covered, *self._spread(seen), lanes.even(self.b, phi))
         covered, flash, deep, widen, even = recent.spread
-        lane, fall = lanes.in_contact(self.b, phi, now, self._memory) if even is None else even
+        apart = self._apart(now) if even is None else None
+        lane, fall = even or (np.ones(n), np.ones(n))
         speed, least = now.speed if now.touching else 0.0, max(LIGHT * now.pressure, 1e-300)
         on, over = alike(local, phi)
         m, light, road = kernels_contact.pressed(on, over, speed, least, self.b.share)
@@ -223,6 +225,7 @@ class Interface:
             m=m, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light), flash=flash,
             micro=columns(micro, n), lane=lane, fall=fall, widen=widen, split=columns(split, n),
             inside=self.b.inside, deep=deep, block=phi, road=road, half=phi, under=Overlap(self.b.cell_road),
+            apart=apart,
         )  # fmt: skip
         return self._resolved(state, now) if laws.has("contact.cover") else state
 
@@ -251,6 +254,7 @@ class Interface:
             half=state.half + w * (1.0 - state.half),
             under=under,
             rim=w * rim,
+            apart=state.apart if w < 1.0 else None,
         )
 
     def _covered(self, now) -> tuple[np.ndarray, Overlap, np.ndarray | float, np.ndarray | float]:
@@ -275,6 +279,19 @@ class Interface:
         if way != recent.way:
             recent.way, recent.memory = way, lanes.weights(mesh, way)
         return recent.memory
+
+    def _apart(self, now) -> lanes.Apart:
+        """`lanes.apart` of the contact fraction: it stays while that and what lanes remember do."""
+        recent = self.recent
+        asked = (recent.fraction, self._memory(now.leg), now.pressure * (now.speed or now.last_speed))
+        if (
+            not recent.apart
+            or any(a is not b for a, b in zip(asked[:2], recent.apart, strict=False))
+            or (asked[2] != recent.apart[2])
+        ):
+            recent.apart = (*asked, lanes.apart(self.b, *asked))
+        found: lanes.Apart = recent.apart[3]
+        return found
 
     def _spread(self, now):
         """Flash resistances of surface and depth, and how lanes widen: these see phi only."""
@@ -308,6 +325,7 @@ class Interface:
         See `contact_flux.solve`.
         """
         b, laws, ambient = self.b, self.b.laws, self.b.scene.ambient
+        state = self.told(state, now, T, road)
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
@@ -332,6 +350,22 @@ class Interface:
             self.recent.touch,
             slopes,
         )
+
+    def told(self, state, now, T, road) -> contact_flux.ContactState:
+        """The state with its lanes told apart from their columns at rises T (cells,), where that is still to be done.
+
+        Of a block that rests the lanes hold the heat that its last speed gave.
+        """
+        if state.apart is None:
+            return state
+        b, laws = self.b, self.b.laws
+        face = T[b.cell_block] + b.scene.ambient
+        at = self.at(state, now).seeing(face=face)
+        spots = np.maximum(np.real(state.phi), lanes.SPARSE * np.real(state.covered))
+        touch = face + (state.flash + state.micro) * lanes.into_block(b, T) / spots
+        own = laws("friction.in_depth", 1.0, touch, at) if laws.has("friction.in_depth") else 1.0
+        heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)
+        return lanes.in_contact(b, state, T, road, heat * (1.0 - state.inside * own))
 
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:

@@ -5,47 +5,134 @@ A column of road cells stands for a constant share of the width and holds all he
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh, centres
+from flashtemp.model.laws import STEP
 from flashtemp.solver import kernels_contact
 from flashtemp.solver.balance import Balance
 from flashtemp.solver.kernels_contact import alike
 
-SPARSE = 0.05  # lanes hold the heat of at least this share of the mean contact fraction
+SPARSE = 0.01  # lanes hold the heat of at least this share of the mean contact fraction; contact opens there
 TRACE = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
-LEFT = 0.05  # of the friction heat goes into the lanes at least
+SMALLEST = 1e-6  # contact fraction that there always is
+LEFT = 0.05  # of the friction heat: less than that which goes into the lanes counts as that much, in doubt
 
 
 # --- lanes begin and end ---------------------------------------------------------------------------------
-def in_contact(b: Balance, phi, now, memory: Callable[[float], tuple]) -> tuple[np.ndarray, np.ndarray]:
-    """Rise of the lanes in contact over that of their columns, and how much more than these they lose by widening.
+class Apart(NamedTuple):
+    """What tells lanes in contact from their columns where the contact fraction varies, apart from temperature.
 
-    A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat:
-    both are summed as they warm the surface, and as they are lost sideways (docs/theory.md, section 2a).  `phi`
-    (columns,) is the contact fraction; `memory` gives the `weights` of a distance slid (m) since the last turn.
+    `sums` (planes, 4, lines, lines) of what columns take upstream: what a lane at a line keeps of it, and all, each as
+    it warms the surface and as it is lost sideways; `trace` (planes, lines) W/m2, by which they differ before any heat;
+    `untouched` (columns,) where no spot has drawn on the road, so that there are no lanes.
     """
+
+    sums: np.ndarray
+    trace: np.ndarray
+    untouched: np.ndarray
+
+
+class Follow(NamedTuple):
+    """How lanes in contact follow the cells: their `Apart`, which share (planes, lines) a change of what columns take
+    is of its size, both in the sums (4, columns), and rises (columns,) of columns and what they lose.
+
+    `free` (columns,) is 0 where a bound holds the lanes.
+    """
+
+    apart: Apart
+    share: np.ndarray
+    taken: np.ndarray
+    size: np.ndarray
+    rise: np.ndarray
+    lowered: np.ndarray
+    free: np.ndarray | float = 1.0
+
+
+def apart(b: Balance, phi, weights, heat: float) -> Apart:
+    """`Apart` of contact fractions (columns,) and `weights` of fluxes, `heat` W/m2 the scale of what there is to take.
+
+    A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat: of
+    F' = phi' J' a lane keeps F'/max(phi, phi') (docs/theory.md, section 2a).
+    """
+    phi = phi.reshape(-1, b.scene.mesh.n_across).T
+    dx = b.scene.mesh.dx_block
+    least = SPARSE * (phi @ dx / dx.sum())[:, None]
+    here = np.where(np.real(phi) < np.real(least), least, phi)[:, :, None]
+    larger = np.where(np.real(here) < np.real(phi[:, None]), phi[:, None], here)
+    parts = [part for W in weights for part in (b.share * W / larger, W + 0.0 * larger)]
+    met = weights[0] @ (np.real(phi) > SMALLEST).T
+    untouched = ((met == 0.0) & met.any(axis=0)).ravel()
+    return Apart(np.stack(parts, axis=1), TRACE * (1.0 + heat) * phi, untouched)
+
+
+def in_contact(b: Balance, state: Any, T, road, heat) -> Any:
+    """The `ContactState` whose lanes are told apart at rises T (cells,) over a `System.road` that enters.
+
+    Their rise over that of their columns, and how much more than these they lose by widening, if the contact gives off
+    `heat` (columns,) W/m2 of all of its area: the columns take of it what the block's face does not conduct away.
+    """
+    told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
+    heat = _planes(b, heat)
+    taken = heat - _planes(b, into_block(b, T)) + told.trace
+    size = np.sqrt(taken**2 + (LEFT * heat + told.trace) ** 2)
+    summed = _summed(told.sums, taken), _summed(told.sums, size)
+    lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _ratios(*summed))
+    rise, lowered = state.under.seen(T), fallen(b, whole, T, road[0])
+    real = (np.real(a) for a in (taken / size, *summed, rise, lowered))
+    return state._replace(lane=lane, fall=own / lane, apart=None, follow=Follow(told, *real))
+
+
+def followed(b: Balance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (columns,) of lanes over `ContactState.lane`, by changes T (cells,); how much more columns change.
+
+    Friction counts as constant.
+    """
+    at, seen = state.follow, state.under.seen(T)
+    if at is None:
+        fall = fallen(b, state, T)
+        return seen - fall, fall
+    sums, less = np.real(at.apart.sums), _planes(b, into_block(b, T))
+    taken, size = at.taken - 1j * STEP * _summed(sums, less), at.size - 1j * STEP * _summed(sums, at.share * less)
+    lane, own = (np.where(at.apart.untouched, 1.0, ratio) for ratio in _ratios(taken, size))
+    lost = fallen(b, state._replace(fall=np.ones(len(seen))), T)
+    moved = lane.imag / STEP * at.rise - own.imag / STEP * at.lowered + lane.real * seen - own.real * lost
+    held = state.lane == 0.0
+    followed = at.free * np.where(held, 0.0, moved / np.where(held, 1.0, state.lane))
+    return followed, seen - followed
+
+
+def _planes(b: Balance, columns) -> np.ndarray:
+    """Values (columns,) as (planes, lines)."""
+    planes: np.ndarray = columns.reshape(-1, b.scene.mesh.n_across).T
+    return planes
+
+
+def _summed(sums: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """Sums (4, columns) of what columns take (planes, lines), by `Apart.sums`."""
+    every = np.einsum("jnik,jk->nij", sums, taken) if len(sums) > 1 else sums[0] @ taken[0]
+    return every.reshape(4, -1)
+
+
+def _ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What lanes have over what their columns have, and what they lose over what those lose (columns,).
+
+    Of sums (4, columns) of what columns have `taken`, and of its size.  Where heat went both ways, so that little of
+    the sum is left, it is its size that counts.
+    """
+    (N, D, P, Q), (n, d, p, q) = taken, size
+    k, m = (1.0 - D / d) ** 2, (1.0 - Q / q) ** 2
+    return (N + k * n) / (D + k * d), (P + m * p) / (Q + m * q)
+
+
+def into_block(b: Balance, T) -> np.ndarray:
+    """Heat (columns,) W/m2 that the block's first cells conduct into the next at rises T (cells,)."""
     mesh = b.scene.mesh
-    phi, p = (a.reshape(-1, mesh.n_across) for a in (phi, now.local_pressure))
-    least = SPARSE * phi.mean(axis=0)
-    here = np.where(np.real(phi) < np.real(least), least, phi)
-    weights = memory(now.leg)
-    out = np.empty((2, *phi.shape), dtype=np.result_type(phi, p))
-    for j in range(mesh.n_across):
-        both = np.where(np.real(here[:, j, None]) < np.real(phi[:, j]), here[:, j, None], phi[:, j])
-        common = [(W * both) / here[:, j, None] for W in weights]
-        heat = p[:, j] / phi[:, j]
-        flux = _taken(b, heat + TRACE * heat.mean() + TRACE, common[0], here[:, j], now)
-        for k, W in enumerate(weights):
-            out[k, :, j] = common[k] @ flux / (W @ (flux * phi[:, j]))
-        pressed = np.real(p[:, j]) > 0.0
-        if pressed.any():  # no spot has drawn on the road that has met none
-            out[:, weights[0] @ pressed == 0.0, j] = 1.0 / b.share
-    warm, lost = out.reshape(2, -1)
-    return b.share * warm, lost / warm
+    fall = T[b.cell_block] - T[b.cell_block + mesh.n_across]
+    flux: np.ndarray = 2.0 * b.scene.block.conductivity / mesh.height[2] * fall
+    return flux
 
 
 def even(b: Balance, phi) -> tuple[np.ndarray, np.ndarray] | None:
@@ -67,21 +154,6 @@ def weights(mesh: Mesh, way: float) -> tuple[np.ndarray, np.ndarray]:
     apart = np.clip(x - edges, 0.0, way)
     root = np.sqrt(apart)
     return 2.0 * (root[:, :-1] - root[:, 1:]), apart[:, :-1] - apart[:, 1:]
-
-
-def _taken(b: Balance, heat, warming, phi, now) -> np.ndarray:
-    """Flux (lines under the block,) of the lanes in some unit: friction `heat` p/phi less what goes up into the block.
-
-    That is what a half-space takes which has been as warm as the lanes since the start.
-    """
-    v = now.speed if now.speed > 0.0 else now.last_speed or 1e-12
-    t = max(now.contact_time - now.waited, b.scene.length / v)
-    into_block = b.scene.block.effusivity / (b.scene.road.effusivity * np.sqrt(v * t) * np.pi)
-    flux = heat
-    for _ in range(3):
-        up = into_block * (warming @ flux) / phi
-        flux = np.where(np.real(up) < (1.0 - LEFT) * np.real(heat), heat - up, LEFT * heat)
-    return flux
 
 
 def everywhere(mesh: Mesh, columns) -> np.ndarray:
@@ -132,7 +204,8 @@ def limited(b: Balance, state: Any, T, road) -> Any:
     if coldest is None:
         return state
     free = np.real(found) >= coldest
-    return state._replace(lane=state.lane * free, fall=state.fall * free)
+    follow = state.follow and state.follow._replace(free=free)
+    return state._replace(lane=state.lane * free, fall=state.fall * free, follow=follow)
 
 
 def _lanes_and_bound(b: Balance, state: Any, T, road) -> tuple[np.ndarray, float | None]:

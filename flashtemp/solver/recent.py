@@ -44,6 +44,7 @@ class Recent:
     deeper: tuple = ()  # the spread, and `lanes.loss_at_depth` with it
     way: float = 0.0  # m of road that lanes remember, and the `lanes.weights` of its fluxes
     memory: tuple = ()
+    apart: tuple = ()  # the fraction, what lanes remember and the heat at a friction of 1, and `lanes.apart` of them
     touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
     friction: float = 0.0  # load-weighted, where the holder turns a block on springs
     elastic: Settled | None = None  # pressure of the elastic block

@@ -281,7 +281,9 @@ def test_elastic_block_wears_by_archard_or_by_friction_energy(elastic, energy, f
 
 def test_wear_moves_the_pressure_of_the_elastic_block(elastic):
     """Wear by Archard's law goes further in the ratio of friction, and both even the pressure out."""
-    first, archard, energy = (np.std(run.pressure[k]) for run, k in ((elastic[0.0], 0), (elastic[0.0], -1), (elastic[1.0], -1)))
+    first, archard, energy = (
+        np.std(run.pressure[k]) for run, k in ((elastic[0.0], 0), (elastic[0.0], -1), (elastic[1.0], -1))
+    )
     assert archard < energy < 0.8 * first
 
 
@@ -302,7 +304,9 @@ def test_grooves_of_a_given_profile_carry_nothing(lab):
     rows = [[0.0, 0.0]]
     for at in (8e-3, 16e-3):
         rows += [[at, 0.0], [at + 1e-5, 1e-3], [at + 1e-3, 1e-3], [at + 1.01e-3, 0.0]]
-    run = lab.case(effects=["face_shape"], face_shape__profile=rows, schedule__distance=0.1, numerics__cells=[200, 8, 8])
+    run = lab.case(
+        effects=["face_shape"], face_shape__profile=rows, schedule__distance=0.1, numerics__cells=[200, 8, 8]
+    )
     inside = np.any([(run.x > at + 3e-4) & (run.x < at + 7e-4) for at in (8e-3, 16e-3)], axis=0)
     assert inside.sum() >= 2
     assert not run.pressure[:, inside].any()

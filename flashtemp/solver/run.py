@@ -177,7 +177,7 @@ class Run(Shown):
 
     @cached_property
     def worn_profile(self) -> np.ndarray:
-        """Rows (m from the edge at x = 0, m by how far the face stands back) with the means of the columns at the end."""
+        """Rows (x in m, m by how far the face stands back at the end), with the means of the columns."""
         mesh = self.mesh
         return np.column_stack(line_through_means(mesh.x[mesh.first : mesh.last + 1], self.worn[-1]))
 

@@ -15,7 +15,7 @@ from flashtemp.model.numerics import available
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
-CASE = Path(__file__).parent.parent / "cases" / "run_in"
+CASE = Path(__file__).parent.parent / "cases" / "chosen_peak"
 PLAIN = ["friction_softening", "track_memory", "edge_pressure"]
 KINDS = {
     "peaked pressure, no wear": PLAIN,

@@ -11,7 +11,7 @@ from common import Row, table, timed
 from flashtemp.model.case import load
 from flashtemp.model.numerics import available
 
-CASE = Path(__file__).parent.parent / "cases" / "run_in"
+CASE = Path(__file__).parent.parent / "cases" / "chosen_peak"
 
 
 def ends(run) -> np.ndarray:

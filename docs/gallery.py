@@ -30,6 +30,7 @@ class Shown:
 CASES = {
     "uniform_pressure": Shown("run cases/uniform_pressure", "profile.png"),
     "run_in": Shown("run cases/run_in", "run_in.png"),
+    "chosen_peak": Shown("run cases/chosen_peak", "worn.png"),
     "edge_peak": Shown("run cases/edge_peak", "field.png"),
     "worn_flat": Shown("run cases/worn_flat", "profile.png"),
     "backward": Shown("run cases/backward", "field.png"),

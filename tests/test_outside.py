@@ -55,7 +55,7 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None, exponent=0.0):
         pytest.param({}, np.ones_like, id="even"),
         pytest.param(*tilted(0.6), id="leading edge pressed"),
         pytest.param(*tilted(-0.6), id="trailing edge pressed"),
-        pytest.param(*peaked(6.0, 0.004), id="peak of run_in"),
+        pytest.param(*peaked(6.0, 0.004), id="peak of chosen_peak"),
         pytest.param(*peaked(2.5, 0.0025), id="sharp peak"),
     ],
 )

@@ -228,13 +228,89 @@ def test_error_in_time_follows_the_tolerance_through_all_events(lab):
 
 # --- cases ------------------------------------------------------------------------------------------
 @pytest.mark.long
-def test_worn_profile_of_backward_is_that_of_run_in():
-    """cases/backward begins where cases/run_in ends: the file there is what the run writes."""
-    case = load(CASES / "run_in")
+def test_worn_profile_of_backward_is_that_of_chosen_peak():
+    """cases/backward begins where cases/chosen_peak ends: the file there is what the run writes."""
+    case = load(CASES / "chosen_peak")
     run = march(case.scene, case.settings)
-    x, worn = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1).T
-    np.testing.assert_allclose(x, run.x, rtol=1e-6)
-    np.testing.assert_allclose(worn, run.worn[-1], rtol=1e-4)
+    kept = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(kept, run.worn_profile, rtol=1e-4, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def new_block():
+    """One repetition of cases/run_in on a coarse mesh."""
+    case = load(CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6})
+    return march(case.scene, case.settings)
+
+
+def test_new_block_of_run_in_is_hottest_near_its_leading_edge(new_block):
+    run = new_block
+    assert run.x[np.argmax(run.T_block[run.last])] < 0.3 * L
+    assert run.x[np.argmax(run.T_spot[run.last])] < 0.3 * L
+
+
+def test_new_block_of_run_in_carries_its_load_and_moment(new_block):
+    """turn = compliance (mu F h - moment of the pressure), with the compliance and the height that the case states."""
+    run, on = new_block, new_block.sliding
+    np.testing.assert_allclose(mean(run, run.pressure)[on], 1.5e5, rtol=1e-10)
+    force, moment = 1.5e5 * L * W, 0.5 * L * W * (run.pressure * xi(run)) @ run.mesh.dx_block
+    turn = 0.01 * (run.friction * force * 30e-3 - moment)
+    np.testing.assert_allclose(run.tilt[on], turn[on], rtol=1e-8)
+    assert run.pressure[run.last, -1] == 0.0
+
+
+ELASTIC = {
+    "effects": ["face_shape", "sheared_block", "friction_moment", "wear"], "friction_moment__compliance": 0.02,
+    "friction_moment__arm": 14e-3, "face_shape__edge_radius": 5e-4, "wear__rate": 1e-9, "friction__mu": 0.8,
+    "schedule__distance": 2.0, "schedule__speed": 1.0, "numerics__cells": [40, 8, 8], "output__profiles": 8,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def elastic(lab):
+    return {energy: lab.case(**ELASTIC, wear__energy=energy, numerics__rtol=1e-5) for energy in (0.0, 1.0)}
+
+
+@pytest.mark.parametrize(("energy", "factor"), [(0.0, 1.0), (1.0, 0.8)])
+def test_elastic_block_wears_by_archard_or_by_friction_energy(elastic, energy, factor):
+    """Volume k P s and k mu P s for a load P, although the block has lifted off in part."""
+    run = elastic[energy]
+    assert run.pressure[1].min() == 0.0
+    assert run.worn_volume == pytest.approx(factor * 1e-9 * 1.5e5 * 2.0 * L * W, rel=1e-9)
+
+
+def test_wear_moves_the_pressure_of_the_elastic_block(elastic):
+    """Wear by Archard's law goes further in the ratio of friction, and both even the pressure out."""
+    first, archard, energy = (
+        np.std(run.pressure[k]) for run, k in ((elastic[0.0], 0), (elastic[0.0], -1), (elastic[1.0], -1))
+    )
+    assert archard < energy < 0.8 * first
+
+
+@pytest.mark.parametrize("key", ["face_shape__profile", "wear__profile"])
+def test_worn_csv_of_a_result_is_the_face_of_the_next_block(lab, elastic, tmp_path, key):
+    """The next block begins with the pressure at which the last one ended; worn.csv has the edge radius in it."""
+    last = elastic[1.0]
+    last.save(tmp_path)
+    given = ELASTIC | {"face_shape__edge_radius": 0.0, "schedule__distance": 0.01, key: str(tmp_path / "worn.csv")}
+    after = lab.case(**given)
+    np.testing.assert_allclose(after.pressure[0], last.pressure[-1], atol=0.01 * 1.5e5)
+    lowest = last.worn_profile[:, 1].min() if key == "face_shape__profile" else 0.0
+    np.testing.assert_allclose(after.worn[0], last.worn[-1] - lowest, atol=3e-8)
+
+
+def test_grooves_of_a_given_profile_carry_nothing(lab):
+    """Two grooves 1 mm deep: what lies between them carries the load."""
+    rows = [[0.0, 0.0]]
+    for at in (8e-3, 16e-3):
+        rows += [[at, 0.0], [at + 1e-5, 1e-3], [at + 1e-3, 1e-3], [at + 1.01e-3, 0.0]]
+    run = lab.case(
+        effects=["face_shape"], face_shape__profile=rows, schedule__distance=0.1, numerics__cells=[200, 8, 8]
+    )
+    inside = np.any([(run.x > at + 3e-4) & (run.x < at + 7e-4) for at in (8e-3, 16e-3)], axis=0)
+    assert inside.sum() >= 2
+    assert not run.pressure[:, inside].any()
+    assert mean(run, run.pressure)[-1] == pytest.approx(1.5e5, rel=1e-9)
 
 
 def test_start_profile_is_read_as_cell_means_and_can_be_turned(lab):

@@ -60,7 +60,7 @@ def test_old_heat_spreads_like_a_plane_source():
 def test_columns_stand_where_no_step_ends(rtol):
     """On whole multiples of the track's spacing but for the first: else another sequence of steps would show a lap later."""
     case = load(
-        CASES / "run_in",
+        CASES / "chosen_peak",
         {"schedule.repetitions": 1, "schedule.distance": 1.0, "numerics.mesh": 0.4, "numerics.rtol": rtol},
     )
     now = Progress()
@@ -76,7 +76,7 @@ def test_columns_stand_where_no_step_ends(rtol):
 def test_lanes_mix_with_their_surroundings(fraction):
     """Heat that came in at once, against discs thrown at random on a plane, whose heat spreads between them."""
     given = {"numerics.mesh": 1.0, "contact.spot_fraction": fraction, "ambient.convection": 0.0}
-    case = load(CASES / "run_in", given)
+    case = load(CASES / "chosen_peak", given)
     b, diameter, D = Balance(case.scene), case.scene.spot_diameter, case.scene.road.diffusivity
     mesh, t = case.scene.mesh, track_of(b, 3.5)
     phase = case.scene.schedule.phases[0]
@@ -152,7 +152,7 @@ def test_a_track_that_remembers_needs_no_road_behind_the_block(lab):
 
 def test_road_that_enters_is_that_of_its_own_moment():
     """A system answers the same whatever it was asked before, of one place and of many."""
-    case = load(CASES / "run_in", {"numerics.mesh": 0.4})
+    case = load(CASES / "chosen_peak", {"numerics.mesh": 0.4})
     b, phase = Balance(case.scene), case.scene.schedule.phases[2]
     t = replace(track_of(b, 3.5), place=[0.3, 0.9, 1.6], time=[3.0, 9.0, 16.0])
     t.left = list(np.random.default_rng(0).normal(0.0, 1e3, (3, len(t.dz), 1)))

@@ -66,6 +66,26 @@ class Curve:
         return value if np.ndim(at) else value.item()
 
 
+def line_through_means(edges: Array, means: Array) -> tuple[Array, Array]:
+    """Broken line with the given `means` (n,) between `edges` (n+1,): its places and values (2n+1,).
+
+    It bends at the edges, where it joins the means linearly, and at the middle of each column.
+
+    >>> [v.tolist() for v in line_through_means(np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0]))]
+    [[0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 2.0, 3.0, 4.0]]
+    """
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    at, value = np.empty(2 * len(means) + 1), np.empty(2 * len(means) + 1)
+    at[0::2], at[1::2] = edges, middle
+    value[0::2] = np.interp(edges, middle, means)
+    if len(means) > 1:
+        for end, first, second in ((0, 0, 1), (-1, -1, -2)):
+            slope = (means[second] - means[first]) / (middle[second] - middle[first])
+            value[end] = means[first] + slope * (edges[end] - middle[first])
+    value[1::2] = 2.0 * means - 0.5 * (value[:-1:2] + value[2::2])
+    return at, value
+
+
 @dataclass(frozen=True)
 class Surface:
     """A table z(u, v), linear between its nodes, held outside; complex v passes its derivative on.

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
+from flashtemp.physics.interpolation import line_through_means
 from flashtemp.showing import Sheet, Shown
 
 
@@ -174,6 +175,12 @@ class Run(Shown):
             **self.statistics,
         }
 
+    @cached_property
+    def worn_profile(self) -> np.ndarray:
+        """Rows (x in m, m by how far the face stands back at the end), with the means of the columns."""
+        mesh = self.mesh
+        return np.column_stack(line_through_means(mesh.x[mesh.first : mesh.last + 1], self.worn[-1]))
+
     def dataset(self):
         """The xarray Dataset of run.nc (contract 5.3)."""
         import xarray as xr
@@ -243,7 +250,7 @@ class Run(Shown):
         table = np.column_stack([self.x, *(values[k] for values in along)])
         tables = {"profiles.csv": (head, table)}
         if self.worn[-1].any():
-            tables["worn.csv"] = ("x_m,worn_m", np.column_stack([self.x, self.worn[-1]]))
+            tables["worn.csv"] = ("x_m,worn_m", self.worn_profile)
         for name, (head, table) in tables.items():
             np.savetxt(folder / name, table, delimiter=",", header=head, comments="", fmt="%.8g")
 

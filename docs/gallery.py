@@ -37,6 +37,7 @@ CASES = {
     "forward_backward": Shown("run cases/forward_backward", "worn.png"),
     "speed_step": Shown("run cases/speed_step", "friction.png"),
     "speed_sweep": Shown("sweep cases/speed_sweep schedule.speed=0.05,0.1,0.2,0.5,1", "sweep.png"),
+    "theory_values": Shown("run cases/theory_values", "profile.png"),
     "alpha_sensitivity": Shown("sweep cases/alpha_sensitivity contact.alpha=3e3,1e4,3e4,1e5", "sweep.png"),
     "orientation": Shown("run cases/orientation", "map.png"),
     "slide2d": Shown("run cases/slide2d", "budget.png"),

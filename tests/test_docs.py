@@ -51,6 +51,20 @@ def test_every_case_stands_in_the_gallery(monkeypatch):
     assert all(f"## {name}\n" in page for name in cases)
 
 
+def test_figures_of_the_choices_cover_every_choice(monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
+    import choices
+    import temperature_speed_band as band
+
+    for own in json.loads(choices.OUT.read_text(encoding="utf-8")).values():
+        assert list(own) == list(choices.CHOICES), "run .venv/bin/python docs/choices.py"
+    stored = json.loads(band.OUT.read_text(encoding="utf-8"))
+    conditions = len(band.SPEEDS) * len(band.PRESSURES) * len(band.AMBIENT)
+    asked = [name for name in choices.CHOICES for _ in range(conditions)]
+    assert [row["choice"] for row in stored["rows"]] == asked, "run .venv/bin/python docs/temperature_speed_band.py"
+    assert json.loads(json.dumps(band.summary(stored["rows"]))) == stored["summary"]
+
+
 def test_pages_on_discovery_agree_with_code_and_data(monkeypatch):
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs"), *sys.path])
     import discovery_tables

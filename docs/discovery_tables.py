@@ -15,6 +15,7 @@ from typing import Any
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "benchmarks" / "results"
 REPLAY, VALIDATION = RESULTS / "criteria_replay.json", RESULTS / "discovery_validation.json"
+NEWCOMER = RESULTS / "newcomer_twins.json"
 OUTCOMES = ("right", "wrong", "part", "group", "weak", "weak_wrong", "none", "unexplained", "no_verdict")
 SETS = {  # what a set of campaigns is, by the first word of its campaigns' names
     "ideal": "independent generator, ideal camera",
@@ -106,6 +107,36 @@ def interval_table() -> str:
     return markdown(("campaigns of", "intervals that hold the truth", "share", "95 % bounds of the share"), rows)
 
 
+def newcomer_table() -> str:
+    """Short twins by the effect that they hide: the verdict at each seed, and CPU seconds."""
+    rows = json.loads(NEWCOMER.read_text(encoding="utf-8"))["rows"]
+    seeds = sorted({r["seed"] for r in rows})
+    lines = []
+    for name in dict.fromkeys(r["effect"] for r in rows):
+        own = {r["seed"]: r for r in rows if r["effect"] == name}
+        spent = sorted(round(r["cpu_s"]) for r in own.values() if "cpu_s" in r)
+        lines.append(
+            [f"`{name}`", *(newcomer_verdict(own[s]) if s in own else "" for s in seeds), ", ".join(map(str, spent))]
+        )
+    return markdown(("hidden effect", *(f"seed {s}" for s in seeds), "CPU, s"), lines)
+
+
+def newcomer_verdict(row: Mapping[str, Any]) -> str:
+    """What the verdict on a short twin is, in a few words.
+
+    >>> newcomer_verdict({"outcome": "weak wrong", "named": ["blur"], "group": [], "z": 4.0})
+    'weak wrong: `blur` (z 4)'
+    >>> newcomer_verdict({"outcome": "refused", "reason": "case: driven_faces.face: missing; give rows or a file"})
+    'refused: needs `driven_faces.face`'
+    """
+    if "reason" in row:
+        needed = re.search(r"(\w+\.\w+): missing", row["reason"])
+        return f"{row['outcome']}: " + (f"needs `{needed[1]}`" if needed else row["reason"])
+    names = row["group"] or [n for n in row["named"] if row["outcome"] != "right"]
+    words = f"{row['outcome'].replace('_', ' ')}" + (": " + ", ".join(f"`{n}`" for n in names) if names else "")
+    return words + (f" (z {row['z']:.0f})" if row.get("z") is not None else "")
+
+
 def validation() -> dict[str, Any]:
     """The data file of the validation, its rows in the order of SETS and KINDS."""
     found: dict[str, Any] = json.loads(VALIDATION.read_text(encoding="utf-8"))
@@ -143,6 +174,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
         "outcomes": outcome_tables,
         "intervals": interval_table,
         "times": time_table,
+        "newcomer": newcomer_table,
     },
 }
 

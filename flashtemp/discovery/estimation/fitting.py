@@ -21,6 +21,8 @@ from flashtemp.discovery.estimation.image_alignment import (
     image_steps,
     moved_images,
     objective,
+    step_beyond_fields,
+    step_scale,
 )
 from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.linearised_fit import Fit, Status
@@ -121,6 +123,7 @@ class _Progress:
 
     point: Point
     region: TrustRegion
+    image_region: TrustRegion = field(default_factory=TrustRegion)
     count: int = 0
     history: list[float] = field(default_factory=list)
     refresh: bool = False  # whether the next point takes derivatives of its own
@@ -139,6 +142,8 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> Fitting
         state.history.append(promise)
         best = _as_fit(h, state.point, promise, state.count, state.history)
         if promise < NEGLIGIBLE_GAIN or max(state.history[-2:]) < NOISE_GAIN and len(state.history) > 1:
+            if state.count < MAX_EVALUATIONS and (yield from _follow_images(h, state, best)):
+                continue
             return replace(best, status=Status.CONVERGED)
         if state.count >= MAX_EVALUATIONS:
             return replace(best, status=Status.BUDGET)
@@ -170,7 +175,7 @@ def _first_point(h: Hypothesis, first: Linearisation | None) -> Generator[Reques
     answer = yield from _evaluate(h, h.model, h.all_derivatives(), None)
     if isinstance(answer, str):
         raise SolverFailure(answer)
-    return _Progress(_begun(h, answer, True), TrustRegion(), 1)
+    return _Progress(_begun(h, answer, True), TrustRegion(), count=1)
 
 
 def _try_step(
@@ -196,6 +201,30 @@ def _try_step(
     if ratio > 0.0:
         state.point = Point(answer, _hyperparameters(h, answer), exact)
     return ratio
+
+
+def _follow_images(h: Hypothesis, state: _Progress, best: Fit) -> Generator[Request, Answers, bool]:
+    """Whether images gain by fields of other times, the physics being at its best point; the fit stands there now.
+
+    The promise of the physics counts data that are fitted: it says nothing of images of data that are held out.
+    """
+    at, hyper = state.point.at, state.point.hyper
+    fixed = frozenset(h.outer(at.system))
+    left, predicted, steps = step_beyond_fields(h.problem, at, hyper, fixed, state.image_region)
+    if left < NOISE_GAIN:
+        return False
+    answer = yield from _evaluate(h, moved_images(at.model, steps), Derivatives(fields=True), best)
+    state.count += 1
+    if isinstance(answer, str):
+        return False
+    answer = _aligned(h, answer, hyper)
+    before, after = (objective(h.problem, a, hyper, fixed, every=True) for a in (at, answer))
+    size = np.array(list(steps.values()))
+    state.image_region = state.image_region.after((before - after) / predicted, size, step_scale(steps))
+    if before - after < NEGLIGIBLE_GAIN:
+        return False
+    state.point = Point(answer, _hyperparameters(h, answer), False)
+    return True
 
 
 def _begun(h: Hypothesis, at: Linearisation, exact: bool) -> Point:

@@ -7,7 +7,7 @@ anew from the same fields: the inner loop of variable projection (Golub and Pere
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,7 +63,7 @@ def align_images(
         names, model = _quadratic(problem, at, hyper, fixed, marched)
         if model.reduction(model.best_step()) < NEGLIGIBLE_GAIN:
             break
-        scale = np.array([STEP_SCALE[p.kind] for p in names])
+        scale = step_scale(names)
         step = region.step(model, scale)
         trial = _seen_again(problem, data, at, moved_images(at.model, dict(zip(names, step.tolist(), strict=True))))
         there = objective(problem, trial, hyper, fixed, every=True)
@@ -89,10 +89,28 @@ def objective(
     return 0.5 * (found.chi2 + float(mean @ precision @ mean))
 
 
+def step_beyond_fields(
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], region: TrustRegion
+) -> tuple[float, float, dict[ParameterId, float]]:
+    """What images still promise if the fields were of any time, what a step within a region promises, and that step.
+
+    Alignment has clocks no farther than LAG from those of the run: beyond that the campaign is simulated anew.
+    """
+    names, model = _quadratic(problem, at, hyper, fixed)
+    step = region.step(model, step_scale(names))
+    return model.reduction(model.best_step()), model.reduction(step), dict(zip(names, step.tolist(), strict=True))
+
+
+def step_scale(names: Iterable[ParameterId]) -> Array:
+    """Scales (k,) of steps of images' parameters."""
+    return np.array([STEP_SCALE[p.kind] for p in names])
+
+
 def _quadratic(
-    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], marched: Model
-) -> tuple[tuple[ParameterId, ...], Quadratic]:
-    """The objective to second order in what images and sensors do."""
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId],
+    marched: Model | None = None,
+) -> tuple[tuple[ParameterId, ...], Quadratic]:  # fmt: skip
+    """The objective to second order in what images and sensors do; clocks within reach of the model `marched`."""
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
     keep = at.system.total(lambda b: True, hyper.variances)  # cameras of data that are held out stand somewhere too
@@ -130,14 +148,17 @@ def image_steps(
     problem: Problem, system: System, nuisances_there: Priors, steps: Mapping[ParameterId, float],
     hyper: Hyperparameters,
 ) -> dict[ParameterId, float]:  # fmt: skip
-    """How far images move, by the linearised model, when the physics takes given `steps`."""
+    """How far images move, by the linearised model, when the physics takes given `steps`.
+
+    Images of data that are held out stay: data that are fitted would have them where they are stated to lie.
+    """
     fixed = {p: (step, FIXED_SD * max(abs(step), FIXED_SD)) for p, step in steps.items()}
     found = system.solve(nuisances_there | fixed, system.total(variances=hyper.variances))
     views = {v.file: v.recording.view for v in problem.campaign.views}
-    out = {}
+    out, seen = {}, system.seen
     for p in image_parameters(system):
         parts = {p, replace(p, file="", name=views[p.file])} if p.kind in PLACED else {p}
-        out[p] = sum(found[q] for q in parts if q in found.names)
+        out[p] = sum(found[q] for q in parts if q in found.names) if p in seen else 0.0
     return out
 
 
@@ -153,9 +174,9 @@ def moved_images(model: Model, steps: Mapping[ParameterId, float]) -> Model:
     return model
 
 
-def _clock_limits(p: ParameterId, model: Model, marched: Model) -> tuple[float, float]:
+def _clock_limits(p: ParameterId, model: Model, marched: Model | None) -> tuple[float, float]:
     """How far a clock may step down and up: fields were kept within LAG of the one that the run was made for."""
-    if p.kind is not Kind.CLOCK:
+    if p.kind is not Kind.CLOCK or marched is None:
         return -np.inf, np.inf
     now, middle = model.placed(p), marched.placed(p)
     return min(middle - LAG - now, 0.0), max(middle + LAG - now, 0.0)

@@ -361,7 +361,8 @@ class Interface:
         b, laws = self.b, self.b.laws
         face = T[b.cell_block] + b.scene.ambient
         at = self.at(state, now).seeing(face=face)
-        spots = np.maximum(np.real(state.phi), lanes.SPARSE * np.real(state.covered))
+        least = lanes.SPARSE * state.covered
+        spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
         touch = face + (state.flash + state.micro) * lanes.into_block(b, T) / spots
         own = laws("friction.in_depth", 1.0, touch, at) if laws.has("friction.in_depth") else 1.0
         heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)

@@ -150,11 +150,19 @@ def product(balance: Balance, system: System, t: float, y: np.ndarray, v: np.nda
 
 
 def by_differences(balance: Balance, system: System, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """J v by a central difference of 1 mK."""
-    up, down = np.zeros(balance.size), np.zeros(balance.size)
-    system.rate(t, y + 1e-3 * v, up)
-    system.rate(t, y - 1e-3 * v, down)
-    return (up - down) / 2e-3
+    """J v by central differences of 1 and 0.5 mK, extrapolated to none (Richardson).
+
+    Lanes that begin and end bend the rate so much that one of 1 mK is 2e-5 off, and the rest falls with its square.
+    """
+
+    def central(step: float) -> np.ndarray:
+        up, down = np.zeros(balance.size), np.zeros(balance.size)
+        system.rate(t, y + step * v, up)
+        system.rate(t, y - step * v, down)
+        return (up - down) / (2.0 * step)
+
+    extrapolated: np.ndarray = (4.0 * central(5e-4) - central(1e-3)) / 3.0
+    return extrapolated
 
 
 def heat_weights(balance: Balance, share: float) -> np.ndarray:

@@ -108,6 +108,15 @@ def plan_map() -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
+def write_rows(result: dict[str, dict[str, Any]]) -> str:
+    """JSON with one run a line."""
+    parts = (
+        f"{json.dumps(part)}: {{\n" + ",\n".join(f" {json.dumps(k)}: {json.dumps(v)}" for k, v in runs.items()) + "\n}"
+        for part, runs in result.items()
+    )
+    return "{" + ",\n".join(parts) + "}\n"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", default=["laws", "map"], help="laws, map; both if not given")
@@ -119,7 +128,7 @@ def main() -> int:
         for name, overrides in plan.items():
             if name not in kept:
                 kept[name] = {"overrides": overrides} | solve(overrides)
-                options.out.write_text(json.dumps(result, indent=1) + "\n")
+                options.out.write_text(write_rows(result))
                 print(name, {k: v for k, v in kept[name].items() if k in ("friction", "holds", "failure")}, flush=True)
     return 0
 

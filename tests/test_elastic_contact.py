@@ -203,7 +203,7 @@ def settle_columns(height, friction=0.0, worn=None, expansion=None, arm=0.0, tur
     guided = np.isinf(turning_stiffness)
     holder = Holder(1.0) if guided else Holder(1.0, arm, 2.0 * turning_stiffness / L)
     settled = bed.settle(gap, MEAN, holder, lambda p: friction + 0.0 * p, None)
-    return settled.pressure, settled.approach / stiffness, 2.0 * bed.press(settled).tilt / L
+    return settled.pressure, settled.approach / stiffness, 2.0 * bed.as_press(settled).tilt / L
 
 
 ACTING = {

@@ -95,3 +95,15 @@ def test_a_softer_block_is_pressed_less_unevenly_by_its_profile(lab):
     assert mean > 0.1
     np.testing.assert_allclose(softened.pressure[-1], same.pressure[-1], rtol=1e-4)
     assert softened.pressure[-1, 0] > softened.pressure[0, 0] + 100.0  # the worn edge
+
+
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        ({"block__height": 1e-4, "block__length": 0.2}, "block.height"),
+        ({"block__height": 1e-3, "numerics__across": 4, "numerics__elastic_3d": True}, "numerics.elastic_3d"),
+    ],
+)
+def test_a_block_that_needs_too_many_elements_is_refused(lab, given, key):
+    with pytest.raises(BadInput, match=rf"{key}: .* displacements, at most 200000"):
+        lab.case(effects=["face_shape"], **SMALL | given)

@@ -73,10 +73,11 @@ class Laws:
         return sizes
 
 
-def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.0) -> Array:
+def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.0, bent: bool = False) -> Array:
     """Means over the columns under the block of a quantity whose laws depend on x and y; `base` where no law speaks.
 
-    In 2D laws are asked on the centre line.
+    In 2D laws are asked on the centre line.  Those that are `bent` may have a kink in the middle of a column, as the
+    worn profile of a result has.
     """
     if not laws.has(target):
         return np.full(len(mesh.column_x), base)
@@ -87,10 +88,10 @@ def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.
             at = now.at(mesh, x[:, None], y)
             return laws(target, base, None, at) + 0.0 * (at.x + y)
 
-        if target != "block.worn":
+        if not bent:
             return gauss_mean(law, edges)
         halves = gauss_mean(law, np.sort(np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])])))
-        return 0.5 * (halves[::2] + halves[1::2])  # exact for worn.csv of a result on the same mesh, which bends there
+        return 0.5 * (halves[::2] + halves[1::2])
 
     means = along(np.zeros(1)) if mesh.n_across == 1 else gauss_mean(along, mesh.y)
     return means.ravel()

@@ -11,7 +11,7 @@ import numpy as np
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Acting, Scene
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import FEEL, Balance
 from flashtemp.solver.circular_track import remembers
 from flashtemp.solver.march import law_at_fault
 from flashtemp.solver.system import Incoming, System
@@ -97,11 +97,8 @@ def _state(b: Balance, rng) -> np.ndarray:
     """A state as a hot run may have it: no two cells alike, worn unevenly."""
     y = np.zeros(b.size)
     y[: b.n] = b.enthalpy(HOTTEST * rng.uniform(0.0, 1.0, b.n))
-    if b.abrades:
-        y[b.worn] = (
-            rng.uniform(0.0, 0.1, len(b.cell_block)) * max(b.scene.schedule.pressure.value) / b.foundation.stiffness
-        )
-    y[b.worn] /= b.worn_unit
+    if b.abrades:  # a tenth of the mean pressure, in the state's own unit
+        y[b.worn] = rng.uniform(0.0, 0.1 * FEEL, len(b.cell_block))
     return y
 
 

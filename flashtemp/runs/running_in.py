@@ -271,20 +271,20 @@ def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> floa
     """s_w = 1/(k_n k mu) of the folder's case where its block abrades, else None."""
     from flashtemp.model import case as cases
     from flashtemp.model.laws import Laws
-    from flashtemp.physics.elastic_block import foundation_stiffness
 
     try:
         scene = cases.load(folder).scene
     except FlashtempError:
         return None
+    if scene.stiffness is None:
+        return None  # every shape of the pressure of an elastic block relaxes over a length of its own
     now = scene.moment(scene.schedule.phases[0], 0.0)
     now = now._replace(x=0.5 * scene.length, local_pressure=pressure, friction=mu)
     laws = Laws(scene)
     if laws("holder.compliance", 0.0, None, now):
-        return None  # a holder that turns lets every shape of the pressure relax over a length of its own
+        return None  # nor has a block whose holder turns one length for all shapes of the pressure
     rate = laws("block.abrasion", 0.0, spot_degC + KELVIN, now)
-    stiffness = scene.stiffness or foundation_stiffness(scene.length, scene.height, scene.modulus)
-    return pressure / (stiffness * float(rate)) if rate > 0 else None
+    return pressure / (scene.stiffness * float(rate)) if rate > 0 else None
 
 
 def _measured(path: Path, distance: float | None) -> Record:

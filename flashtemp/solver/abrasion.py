@@ -101,7 +101,9 @@ class AbrasionCoupling:
         depth = worn * self.b.worn_unit
         change = self.response(depth - self.b.swelling(T) if self.b.expansion else depth)
         if isinstance(self.response, ElasticResponse):
-            change = change + self.response.pulled(self.pulls[0] * T[self.b.cell_block] + self.pulls[1] * lane)
+            change = change + self.response.respond_to_traction(
+                self.pulls[0] * T[self.b.cell_block] + self.pulls[1] * lane
+            )
         self._add(depth, change, 1.0, out)
 
     def _add(self, depth: np.ndarray, pressure: np.ndarray, scale: float, out: np.ndarray) -> None:

@@ -166,7 +166,7 @@ class Balance:
     def initial_depth(self) -> np.ndarray:
         """Depth (columns,) in m worn before the first start."""
         now = self.scene.moment(self.scene.schedule.phases[0], 0.0)
-        return laws_mean(self.laws, "block.worn", self.scene.mesh, now, 0.0)
+        return laws_mean(self.laws, "block.worn", self.scene.mesh, now, 0.0, bent=True)
 
     def initial(self) -> np.ndarray:
         """State (size,) before the first start: all at ambient temperature, the block worn as given."""
@@ -197,7 +197,7 @@ class Balance:
         swollen: np.ndarray = thermal.reshape(n, -1) @ strain.reshape(-1, planes)
         return swollen.ravel()
 
-    def hardness(self, T: np.ndarray) -> Any:
+    def relative_modulus(self, T: np.ndarray) -> Any:
         """Young's modulus at rises T (cells,) over that at ambient temperature: of the whole block at its mean."""
         slope, mesh, cells = self.scene.modulus_slope, self.scene.mesh, self.scene.mesh.block
         if slope == 0.0:

@@ -12,8 +12,8 @@ g is by how far each column would stand off the road without load.  C is the com
 the width of the block and h the height of the pivot.  Friction mu follows the local pressure and temperature.
 
 The inequalities are solved by the primal-dual active set method, a semismooth Newton method (Hintermüller, Ito and
-Kunisch 2003, SIAM J. Optim. 13, 865).  Where the set of columns in contact repeats, one column at a time changes, that
-of the least index (Murty 1974, Math. Program. 7, 138): finite for a positive definite compliance.
+Kunisch 2003, SIAM J. Optim. 13, 865).  It may cycle.  After SET_STEPS changes of the set one column at a time changes,
+that of the least index (Murty 1974, Math. Program. 7, 138): finite for a positive definite compliance.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ SLOW = 0.02  # a step that is more than this share of the one before asks for a 
 MOST_STEPS = 200
 SET_STEPS = 20  # steps with changes of the set, after which the least index alone changes
 TIPPED = "the friction moment tips the block over its edge: no pressure carries it"
+UNSOLVED = "no contact pressure of the elastic block was found"
 
 
 class Holder(NamedTuple):
@@ -56,7 +57,7 @@ class Holder(NamedTuple):
         return self.resistance == np.inf
 
 
-class Jacobian(NamedTuple):
+class ContactJacobian(NamedTuple):
     """Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder.
 
     `inverse` (planes, n, n) of the equations of the columns; `lifted` (columns, 2) what an approach and a tilt do to
@@ -71,7 +72,7 @@ class Jacobian(NamedTuple):
     carried: Array
     holding: Array
 
-    def columns(self, r: Array) -> Array:
+    def solve_columns(self, r: Array) -> Array:
         """Change of pressure by r (columns,) while the holder stays; column = line times planes + plane."""
         planes = len(self.inverse)
         changed: Array = (self.inverse @ r.reshape(-1, planes).T[..., None])[..., 0].T.ravel()
@@ -79,18 +80,18 @@ class Jacobian(NamedTuple):
 
     def solve(self, r: Array, carry: Array) -> tuple[Array, Array]:
         """Changes of pressure (columns,) and of approach and tilt (2,) by r of the columns and of load and moment."""
-        alone = self.columns(r)
+        alone = self.solve_columns(r)
         held = self.holding @ (carry - self.carried @ alone)
         return alone + self.lifted @ held, held
 
 
-class Settled(NamedTuple):
+class ContactSolution(NamedTuple):
     """An answer: pressure (columns,) Pa, approach and tilt (Pa), the Jacobian that led to it and hardness E/E_0."""
 
     pressure: Array
     approach: float
     tilt: float
-    jacobian: Jacobian
+    jacobian: ContactJacobian
     hardness: Any = 1.0
 
 
@@ -132,14 +133,14 @@ class ElasticFoundation:
     def _planes(self) -> int:
         return len(self.x) // len(self._normal)
 
-    def _move(self, compliance: Array, traction: Array) -> Array:
+    def _scaled_motion(self, compliance: Array, traction: Array) -> Array:
         """Motion times stiffness (columns,) Pa by a traction (columns,) Pa."""
         moved: Array = (compliance @ traction.reshape(-1, self._planes)).ravel()
         return moved
 
-    def displace(self, pressure: Array) -> Array:
+    def displace_face(self, pressure: Array) -> Array:
         """Motion (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
-        return self._move(self._normal, pressure) / self.stiffness
+        return self._scaled_motion(self._normal, pressure) / self.stiffness
 
     def settle(
         self,
@@ -147,9 +148,9 @@ class ElasticFoundation:
         mean: float,
         holder: Holder,
         friction: Friction | None,
-        start: Settled | None,
+        start: ContactSolution | None,
         hardness: float = 1.0,
-    ) -> Settled:
+    ) -> ContactSolution:
         """Pressure that carries the `mean` (Pa), over a `gap` g (columns,) m, by a block `hardness` times as stiff.
 
         `friction` is asked where it shears or tips the block, else None.  `start` is an answer nearby.  The answer's
@@ -158,10 +159,10 @@ class ElasticFoundation:
         n, g = len(self.x), hardness * self.stiffness * gap
         if start is None:
             on = np.ones(n, dtype=np.bool_)
-            start = Settled(np.full(n, mean), 0.0, 0.0, self._factorise(on, 0.0 * self.x, holder))
+            start = ContactSolution(np.full(n, mean), 0.0, 0.0, self._build_jacobian(on, 0.0 * self.x, holder))
         p, c, t, J, _ = start
         if J.holder != holder:
-            J = self._factorise(J.touching, J.slopes, holder)
+            J = self._build_jacobian(J.touching, J.slopes, holder)
         last, changes, fresh = np.inf, 0, friction is None
         for _ in range(MOST_STEPS):
             p = np.where(J.touching, p, 0.0)
@@ -169,16 +170,18 @@ class ElasticFoundation:
             step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())
             if not np.isfinite(size):
-                raise SolverFailure(TIPPED)
+                raise SolverFailure(UNSOLVED if holder.guided else TIPPED)
             moved = p - step, c - dc, t - dt
-            on = self._in_contact(p, moved, g, mu, J)
+            on = self._find_contact(p, moved, g, mu, J)
             if np.array_equal(on, J.touching):
                 balanced = abs(p @ self.dx - mean * self.dx.sum()) <= 1e-12 * mean * self.dx.sum()
                 if size <= self.rtol and balanced:
-                    return Settled(p, moved[1], self._tilt(holder, p, mu, moved[2], hardness), J, hardness)
+                    return ContactSolution(
+                        p, moved[1], self._balanced_tilt(holder, p, mu, moved[2], hardness), J, hardness
+                    )
                 if friction is not None and size > SLOW * last:
                     if not fresh:
-                        J, fresh = self._factorise(J.touching, self._slopes(p, friction), holder), True
+                        J, fresh = self._build_jacobian(J.touching, self._traction_slopes(p, friction), holder), True
                         continue  # the same point once more, with its own slopes
                     fresh = False
                 last = size
@@ -189,12 +192,14 @@ class ElasticFoundation:
                     on = J.touching.copy()
                     on[least] = not on[least]
                 if not on.any():
-                    raise SolverFailure(TIPPED)
-                J, last = self._factorise(on, J.slopes, holder), np.inf
+                    raise SolverFailure(UNSOLVED if holder.guided else TIPPED)
+                J, last = self._build_jacobian(on, J.slopes, holder), np.inf
             p, c, t = moved
-        raise SolverFailure(f"{TIPPED}, or none was found in {MOST_STEPS} steps; stiffen the holder")
+        raise SolverFailure(f"{UNSOLVED} in {MOST_STEPS} steps")
 
-    def derive(self, settled: Settled, gap: Array, mean: float, friction: Friction | None, hardness: Any) -> Settled:
+    def derive_solution(
+        self, settled: ContactSolution, gap: Array, mean: float, friction: Friction | None, hardness: Any
+    ) -> ContactSolution:
         """The answer with the derivative that a complex step in `gap`, `hardness` or what friction sees passes on."""
         J, g = settled.jacobian, hardness * self.stiffness * gap
         p: Array = settled.pressure + 0j
@@ -205,53 +210,53 @@ class ElasticFoundation:
             step, (dc, dt) = J.solve(*(np.imag(r) for r in self._residual(p, c, t, g, mean, mu, J, hardness)))
             p, c, t = p - 1j * step, c - 1j * dc, t - 1j * dt
             if np.abs(step).max() <= 1e-13 * np.abs(p.imag).max():
-                return Settled(p, c, t, J, hardness)
+                return ContactSolution(p, c, t, J, hardness)
         raise SolverFailure("the derivative of the contact pressure was not found")
 
-    def press(self, settled: Settled) -> Press:
+    def as_press(self, settled: ContactSolution) -> Press:
         """The answer as the contact sees it."""
         J, tilt = settled.jacobian, settled.tilt / (settled.hardness * self.stiffness)
         return Press(settled.pressure, tilt, J.touching, J.holder.resistance)
 
-    def renew(self, settled: Settled, slopes: Array) -> Settled:
+    def renew_jacobian(self, settled: ContactSolution, slopes: Array) -> ContactSolution:
         """The same answer with other slopes (columns,) of mu p in p, of which its Jacobian is made anew."""
         J = settled.jacobian
         if not J.holder.shear and J.holder.guided:
             return settled
-        return settled._replace(jacobian=self._factorise(J.touching, slopes, J.holder))
+        return settled._replace(jacobian=self._build_jacobian(J.touching, slopes, J.holder))
 
-    def response(self, settled: Settled) -> ElasticResponse:
+    def response(self, settled: ContactSolution) -> ElasticResponse:
         """How pressure follows worn depth and friction around an answer, by its Jacobian."""
         J = settled.jacobian
         return ElasticResponse(self, J, -float(np.real(settled.hardness)) * self.stiffness * J.touching)
 
     def _residual(
-        self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: Jacobian, hardness: Any
+        self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: ContactJacobian, hardness: Any
     ) -> tuple[Array, Array]:
         """What is left of the equations: gaps of columns in contact and pressure of the others, load and moment."""
         holder = J.holder
         pull = 0.0 * p if mu is None else mu * p
-        gap = self._gap(p, pull, c, t, g, holder)
+        gap = self._scaled_gap(p, pull, c, t, g, holder)
         moments = 0.5 * self.length * self._xi * p - holder.arm * pull
-        tilts = t if holder.guided else self._lever(holder, t / hardness, moments)
+        tilts = t if holder.guided else self._moment_balance(holder, t / hardness, moments)
         return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
 
-    def _gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:
+    def _scaled_gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:
         """Distance of the columns from the road times stiffness (columns,) Pa."""
-        gap = self._move(self._normal, p) + g - c - t * self._xi
-        return gap + holder.shear * self._move(self._shear, pull) if holder.shear else gap
+        gap = self._scaled_motion(self._normal, p) + g - c - t * self._xi
+        return gap + holder.shear * self._scaled_motion(self._shear, pull) if holder.shear else gap
 
-    def _tilt(self, holder: Holder, p: Array, mu: Array | None, found: float, hardness: float) -> float:
+    def _balanced_tilt(self, holder: Holder, p: Array, mu: Array | None, found: float, hardness: float) -> float:
         """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
         if holder.guided or holder.resistance == 0.0 or mu is None:
             return found
         moments = (0.5 * self.length * self._xi - holder.arm * mu) * p
         return float(-hardness * self.stiffness * (moments @ self.dx) / holder.resistance)
 
-    def _lever(self, holder: Holder, t: Any, moments: Array) -> Any:
+    def _moment_balance(self, holder: Holder, t: Any, moments: Array) -> Any:
         return moments @ self.dx / self.length + holder.resistance * t / (self.stiffness * self.length)
 
-    def _factorise(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: Holder) -> Jacobian:
+    def _build_jacobian(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: Holder) -> ContactJacobian:
         planes, n = self._planes, len(self._normal)
         on, slope = touching.reshape(n, planes).T, slopes.reshape(n, planes).T
         K = np.broadcast_to(self._normal, (planes, n, n))
@@ -264,12 +269,12 @@ class ElasticFoundation:
         if not holder.guided:
             carried[1] = (0.5 * self.length * self._xi - holder.arm * slopes) * self.dx / self.length
             own[1, 1] = holder.resistance / (self.stiffness * self.length)
-        J = Jacobian(touching, slopes, holder, _invert(K), lift, carried, own)
-        lifted = np.stack([J.columns(lift[:, k]) for k in (0, 1)], axis=1)
-        return J._replace(lifted=lifted, holding=_invert(own + carried @ lifted))
+        J = ContactJacobian(touching, slopes, holder, _invert_matrix(K), lift, carried, own)
+        lifted = np.stack([J.solve_columns(lift[:, k]) for k in (0, 1)], axis=1)
+        return J._replace(lifted=lifted, holding=_invert_matrix(own + carried @ lifted))
 
-    def _in_contact(
-        self, p: Array, moved: tuple[Array, float, float], g: Array, mu: Array | None, J: Jacobian
+    def _find_contact(
+        self, p: Array, moved: tuple[Array, float, float], g: Array, mu: Array | None, J: ContactJacobian
     ) -> Array:
         """Columns in contact after a step: those still pressed, and those that would sink into the road."""
         pressed, c, t = moved
@@ -277,10 +282,10 @@ class ElasticFoundation:
         if on.all():
             return on
         pull = 0.0 * p if mu is None else mu * p + J.slopes * (pressed - p)
-        return np.where(J.touching, on, self._gap(pressed, pull, c, t, g, J.holder) < 0.0)
+        return np.where(J.touching, on, self._scaled_gap(pressed, pull, c, t, g, J.holder) < 0.0)
 
     @staticmethod
-    def _slopes(p: Array, friction: Friction) -> Array:
+    def _traction_slopes(p: Array, friction: Friction) -> Array:
         """d(mu p)/dp (columns,), as if every column's friction followed its own pressure alone."""
         pulled: Array = np.imag((p + 1j * STEP) * friction(p + 1j * STEP)) / STEP
         return pulled
@@ -294,17 +299,17 @@ class ElasticResponse:
     """
 
     bed: ElasticFoundation
-    jacobian: Jacobian
+    jacobian: ContactJacobian
     sunk: Array
 
     def __call__(self, worn: Array) -> Array:
         """By a change of worn depth (columns,) m."""
         return self.jacobian.solve(self.sunk * worn, np.zeros(2))[0]
 
-    def pulled(self, traction: Array) -> Array:
+    def respond_to_traction(self, traction: Array) -> Array:
         """By a change of the friction traction (columns,) Pa at the same pressure."""
         J, bed = self.jacobian, self.bed
-        r = -J.holder.shear * J.touching * bed._move(bed._shear, traction)
+        r = -J.holder.shear * J.touching * bed._scaled_motion(bed._shear, traction)
         moment = 0.0 if J.holder.guided else J.holder.arm * (traction @ bed.dx) / bed.length
         return J.solve(r, np.array([0.0, moment]))[0]
 
@@ -313,25 +318,25 @@ class ElasticResponse:
         J, planes = self.jacobian, len(self.jacobian.inverse)
         give = self.sunk.reshape(-1, planes).T
         alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
-        undone = J._replace(inverse=_invert(alone))
+        undone = J._replace(inverse=_invert_matrix(alone))
         spread = gain[:, None] * (J.lifted @ J.holding)  # what comes back by way of the holder, times what is carried
-        X = np.stack([undone.columns(spread[:, k]) for k in (0, 1)], axis=1)
+        X = np.stack([undone.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)
 
         def carried(r: Array) -> Array:
-            taken: Array = J.carried @ J.columns(self.sunk * r)
+            taken: Array = J.carried @ J.solve_columns(self.sunk * r)
             return taken
 
-        inner = _invert(np.eye(2) + np.stack([carried(X[:, k]) for k in (0, 1)], axis=1))
+        inner = _invert_matrix(np.eye(2) + np.stack([carried(X[:, k]) for k in (0, 1)], axis=1))
 
         def undo(r: Array) -> Array:
-            z = undone.columns(r)
+            z = undone.solve_columns(r)
             changed: Array = z - X @ (inner @ carried(z))
             return changed
 
         return undo
 
 
-def _invert(matrix: Array) -> Array:
+def _invert_matrix(matrix: Array) -> Array:
     """The inverse, not a number where there is none; a product costs less than two triangular solves."""
     try:
         return np.linalg.inv(matrix)

@@ -52,7 +52,7 @@ class Interface:
         While the block is lifted there are no fluxes.
         """
         now, press, state = self.settled(now, worn, T, road, kf)
-        state = self.told(state, now, T, road)
+        state = self.separate_lanes(state, now, T, road)
         if not now.touching:
             return Contact(state, press)
         if slopes:
@@ -77,15 +77,15 @@ class Interface:
         self.recent.flux = None
         now = now.seeing(worn=worn) if b.abrades else now
         if b.elastic is None or not (now.touching and now.pressure > 0):
-            press = self._on_springs(now, worn, T, road, kf)
+            press = self._press_on_springs(now, worn, T, road, kf)
         else:
-            press = self._elastic(now, worn, T, road, kf)
+            press = self._press_elastic_block(now, worn, T, road, kf)
         state = self.state(now, press.pressure, T)
         if b.calm and self.recent.even:
             self.recent.settled = press, state
         return now, press, state
 
-    def _on_springs(self, now, worn, T, road, kf) -> Press:
+    def _press_on_springs(self, now, worn, T, road, kf) -> Press:
         """Pressure of a block whose columns are springs side by side, or whose pressure is prescribed."""
         b = self.b
         free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
@@ -96,19 +96,21 @@ class Interface:
             moment = moment * self._friction(now, free, moment, turning, T, road, kf)
         return b.foundation.settle(free, now.pressure, moment, turning)
 
-    def _elastic(self, now, worn, T, road, kf) -> Press:
+    def _press_elastic_block(self, now, worn, T, road, kf) -> Press:
         """Pressure of the elastic block, at a friction that agrees with it column by column."""
         b, bed, recent = self.b, self.b.elastic, self.recent
         assert bed is not None
         flat, shear = (b.laws(f"contact.{name}", 0.0, None, now) for name in ("flat_face", "shear_traction"))
+        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has("holder.compliance")):
+            return self._press_on_springs(
+                now, worn, T, road, kf
+            )  # nothing moves it: the prescribed pressure, to the bit
         # a new block whose pressure is prescribed has the profile that gives it on a flat road
-        gap = worn - (1.0 - flat) * bed.displace(now.pressure * self._pressed(now))
+        gap = worn - (1.0 - flat) * bed.displace_face(now.pressure * self._pressed(now))
         if b.expansion:
             gap = gap - b.swelling(T)
-        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has("holder.compliance")):
-            return self._on_springs(now, worn, T, road, kf)  # nothing moves it: the prescribed pressure, to the bit
-        hardness = b.hardness(T)
-        holder = self._holder(now, shear)
+        hardness = b.relative_modulus(T)
+        holder = self._holder_of(now, shear)
         pulled = shear != 0.0 or not holder.guided
 
         def friction(T, road, kf) -> Friction:
@@ -123,11 +125,13 @@ class Interface:
         settled = bed.settle(np.real(gap), now.pressure, holder, asked, recent.elastic, float(np.real(hardness)))
         recent.elastic = settled
         if any(np.iscomplexobj(a) for a in (gap, T, road, kf)):
-            settled = bed.derive(settled, gap, now.pressure, friction(T, road, kf) if pulled else None, hardness)
+            settled = bed.derive_solution(
+                settled, gap, now.pressure, friction(T, road, kf) if pulled else None, hardness
+            )
             recent.flux = None
-        return bed.press(settled)
+        return bed.as_press(settled)
 
-    def _holder(self, now, shear: float) -> Holder:
+    def _holder_of(self, now, shear: float) -> Holder:
         """What the holder does; one that hardly gives is guided."""
         if not self.b.laws.has("holder.compliance"):
             return Holder(shear)
@@ -216,7 +220,7 @@ class Interface:
             seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
             recent.fraction, recent.spread = phi, (covered, *self._spread(seen), lanes.even(self.b, phi))
         covered, flash, deep, widen, even = recent.spread
-        apart = self._apart(now) if even is None else None
+        apart = self._lane_sums(now) if even is None else None
         lane, fall = even or (np.ones(n), np.ones(n))
         speed, least = now.speed if now.touching else 0.0, max(LIGHT * now.pressure, 1e-300)
         on, over = alike(local, phi)
@@ -280,7 +284,7 @@ class Interface:
             recent.way, recent.memory = way, lanes.weights(mesh, way)
         return recent.memory
 
-    def _apart(self, now) -> lanes.Apart:
+    def _lane_sums(self, now) -> lanes.Apart:
         """`lanes.apart` of the contact fraction: it stays while that and what lanes remember do."""
         recent = self.recent
         asked = (recent.fraction, self._memory(now.leg), now.pressure * (now.speed or now.last_speed))
@@ -325,7 +329,7 @@ class Interface:
         See `contact_flux.solve`.
         """
         b, laws, ambient = self.b, self.b.laws, self.b.scene.ambient
-        state = self.told(state, now, T, road)
+        state = self.separate_lanes(state, now, T, road)
         at = self.at(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
@@ -351,7 +355,7 @@ class Interface:
             slopes,
         )
 
-    def told(self, state, now, T, road) -> contact_flux.ContactState:
+    def separate_lanes(self, state, now, T, road) -> contact_flux.ContactState:
         """The state with its lanes told apart from their columns at rises T (cells,), where that is still to be done.
 
         Of a block that rests the lanes hold the heat that its last speed gave.
@@ -363,7 +367,7 @@ class Interface:
         at = self.at(state, now).seeing(face=face)
         least = lanes.SPARSE * state.covered
         spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
-        touch = face + (state.flash + state.micro) * lanes.into_block(b, T) / spots
+        touch = face + (state.flash + state.micro) * lanes.heat_into_block(b, T) / spots
         own = laws("friction.in_depth", 1.0, touch, at) if laws.has("friction.in_depth") else 1.0
         heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)
         return lanes.in_contact(b, state, T, road, heat * (1.0 - state.inside * own))
@@ -395,7 +399,7 @@ class Interface:
         if b.elastic is None or elastic is None:
             response: Response | ElasticResponse = b.foundation.response(contact.press)
         else:  # the slopes of friction are there: what follows is settled with them too
-            self.recent.elastic = elastic = b.elastic.renew(elastic, slope(more * pressing.mu))
+            self.recent.elastic = elastic = b.elastic.renew_jacobian(elastic, slope(more * pressing.mu))
             response = b.elastic.response(elastic)
         return AbrasionCoupling(
             b,

@@ -75,17 +75,17 @@ def in_contact(b: Balance, state: Any, T, road, heat) -> Any:
     `heat` (columns,) W/m2 of all of its area: the columns take of it what the block's face does not conduct away.
     """
     told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
-    heat = _planes(b, heat)
-    taken = heat - _planes(b, into_block(b, T)) + told.trace
+    heat = _by_planes(b, heat)
+    taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace
     size = np.sqrt(taken**2 + (LEFT * heat + told.trace) ** 2)
-    summed = _summed(told.sums, taken), _summed(told.sums, size)
-    lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _ratios(*summed))
+    summed = _sum_upstream(told.sums, taken), _sum_upstream(told.sums, size)
+    lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
     rise, lowered = state.under.seen(T), fallen(b, whole, T, road[0])
     real = (np.real(a) for a in (taken / size, *summed, rise, lowered))
     return state._replace(lane=lane, fall=own / lane, apart=None, follow=Follow(told, *real))
 
 
-def followed(b: Balance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
+def follow_columns(b: Balance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
     """Changes (columns,) of lanes over `ContactState.lane`, by changes T (cells,); how much more columns change.
 
     Friction counts as constant.
@@ -94,9 +94,12 @@ def followed(b: Balance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
     if at is None:
         fall = fallen(b, state, T)
         return seen - fall, fall
-    sums, less = np.real(at.apart.sums), _planes(b, into_block(b, T))
-    taken, size = at.taken - 1j * STEP * _summed(sums, less), at.size - 1j * STEP * _summed(sums, at.share * less)
-    lane, own = (np.where(at.apart.untouched, 1.0, ratio) for ratio in _ratios(taken, size))
+    sums, less = np.real(at.apart.sums), _by_planes(b, heat_into_block(b, T))
+    taken, size = (
+        at.taken - 1j * STEP * _sum_upstream(sums, less),
+        at.size - 1j * STEP * _sum_upstream(sums, at.share * less),
+    )
+    lane, own = (np.where(at.apart.untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
     lost = fallen(b, state._replace(fall=np.ones(len(seen))), T)
     moved = lane.imag / STEP * at.rise - own.imag / STEP * at.lowered + lane.real * seen - own.real * lost
     held = state.lane == 0.0
@@ -104,19 +107,19 @@ def followed(b: Balance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
     return followed, seen - followed
 
 
-def _planes(b: Balance, columns) -> np.ndarray:
+def _by_planes(b: Balance, columns) -> np.ndarray:
     """Values (columns,) as (planes, lines)."""
     planes: np.ndarray = columns.reshape(-1, b.scene.mesh.n_across).T
     return planes
 
 
-def _summed(sums: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def _sum_upstream(sums: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Sums (4, columns) of what columns take (planes, lines), by `Apart.sums`."""
     every = np.einsum("jnik,jk->nij", sums, taken) if len(sums) > 1 else sums[0] @ taken[0]
     return every.reshape(4, -1)
 
 
-def _ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _lane_ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What lanes have over what their columns have, and what they lose over what those lose (columns,).
 
     Of sums (4, columns) of what columns have `taken`, and of its size.  Where heat went both ways, so that little of
@@ -127,7 +130,7 @@ def _ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return (N + k * n) / (D + k * d), (P + m * p) / (Q + m * q)
 
 
-def into_block(b: Balance, T) -> np.ndarray:
+def heat_into_block(b: Balance, T) -> np.ndarray:
     """Heat (columns,) W/m2 that the block's first cells conduct into the next at rises T (cells,)."""
     mesh = b.scene.mesh
     fall = T[b.cell_block] - T[b.cell_block + mesh.n_across]

@@ -100,7 +100,7 @@ class Linearised:
         out[n:] = 0.0
         lane = fallen = b.idle
         if self.contact is not None:
-            lane, fallen = lanes.followed(b, self.contact, T)
+            lane, fallen = lanes.follow_columns(b, self.contact, T)
         self.solid.product(T, lane, out[:n])
         self.rows.add(T, 1.0, out)
         for name, slope in self.books.items():

@@ -9,7 +9,7 @@ import numpy as np
 from flashtemp.model.scene import Moment
 from flashtemp.solver.boundary_heat import Films
 from flashtemp.solver.contact_flux import ContactState, Fluxes
-from flashtemp.solver.elastic_foundation import Settled
+from flashtemp.solver.elastic_foundation import ContactSolution
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Recent:
     apart: tuple = ()  # the fraction, what lanes remember and the heat at a friction of 1, and `lanes.apart` of them
     touch: np.ndarray | None = None  # temperature (columns,) K where rubber touches road
     friction: float = 0.0  # load-weighted, where the holder turns a block on springs
-    elastic: Settled | None = None  # pressure of the elastic block
+    elastic: ContactSolution | None = None  # pressure of the elastic block
     flux: Fluxes | None = None  # at the state above, where the elastic block asked for it
 
     def forget(self, when: tuple) -> None:

@@ -203,7 +203,7 @@ def linearisation(bench: Bench, trial: Trial | None, shape: str) -> Finding:
         J, out = product(balance, system, t, y, v), np.zeros(balance.size)
         system.linearised(t, y, 1e-2).times(v, out)
         for part in parts(balance):
-            # what every column adds to the mean contact fraction is left out; elasticity moves more pressure by heat
+            # left out: lanes and gaps follow the mean contact fraction, which heat moves more in an elastic block
             loosely = 0.1 if balance.elastic and balance.expansion else 0.03
             bound = (loosely if bent else 1e-10) * np.linalg.norm(J[part])
             worst = max(worst, _over(np.linalg.norm((out - J)[part]), bound))

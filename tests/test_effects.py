@@ -163,7 +163,10 @@ def test_linearisation_used_by_the_solver(bench, name, shape):
     check_findings(balance.linearisation(bench, TRIALS.get(name), shape))
 
 
-@pytest.mark.parametrize("beside", [(), ("debris_film",), ("micro_flash", "friction_softening")])
+BESIDE_WEAR = [(), ("debris_film",), ("micro_flash", "friction_softening"), ("sheared_block", "friction_softening")]
+
+
+@pytest.mark.parametrize("beside", BESIDE_WEAR, ids="-".join)
 def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench, beside):
     fixed = RICH | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0, "wear.temperature": 0.02}
     for b, system, t, y, rng in states(bench.scene(TRIALS["wear"], beside, fixed)):

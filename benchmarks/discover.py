@@ -179,7 +179,7 @@ def _without(hidden: list[str]) -> tuple[str, ...]:
     """The catalogue as if what is hidden were not in it."""
     from flashtemp.physics.effect import catalogue
 
-    return tuple(n for n, e in catalogue().items() if not (e.base or e.alike or e.detail or n in hidden))
+    return tuple(n for n, e in catalogue().items() if e.candidate and not e.alike and n not in hidden)
 
 
 def _record(verdict, search, truth: dict) -> dict:

@@ -52,16 +52,16 @@ def alike(name: str) -> str:
     return catalogue()[name].alike or ""
 
 
-def is_detail(name: str) -> bool:
-    """Whether an effect describes in more detail what others describe, and `discover` does not try it."""
+def is_no_candidate(name: str) -> bool:
+    """Whether `discover` does not try an effect unasked, as its file does not declare it a candidate."""
     from flashtemp.physics.effect import catalogue
 
-    return catalogue()[name].detail
+    return not catalogue()[name].candidate
 
 
 def judge_twin(name: str, seed: int, limit: int) -> tuple[Row, Row]:
     """The row of one twin, and the full record of its verdict (see campaigns.py)."""
-    head = {"effect": name, "seed": seed, "alike": alike(name), "detail": is_detail(name)}
+    head = {"effect": name, "seed": seed, "alike": alike(name), "detail": is_no_candidate(name)}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch, f"newcomer_{name}_{seed}")
         folder.mkdir()

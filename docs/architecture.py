@@ -1,7 +1,7 @@
-"""Draw the tower of packages from the imports as they are: .venv/bin/python docs/architecture.py
+"""Draw the tower of packages from the imports as they are.
 
-Left the packages, floor by floor, with what each is for and its modules; right who imports whom.  The text of the
-SVG follows from the code alone, so that tests/test_architecture.py can tell whether the drawing is up to date.
+Left the packages, floor by floor, with what each is for and its modules; right who imports whom.  `make docs` draws it
+(docs/reference.py); so it is never out of date.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from html import escape
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-OUT = ROOT / "docs" / "pictures" / "architecture.svg"
 BESIDE = ("meshes", "viz")  # stand in the project's root and are installed inside flashtemp
 
 WIDTH, LEFT, LINE, PAD, GAP = 1180, 720, 16, 12, 10  # px: drawing, boxes, lines of text, inside and between boxes
@@ -160,7 +159,3 @@ def draw() -> str:
         "</svg>",
     ]
     return "\n".join(text) + "\n"
-
-
-if __name__ == "__main__":
-    OUT.write_text(draw(), encoding="utf-8")

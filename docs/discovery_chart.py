@@ -1,6 +1,6 @@
-"""Draw the flow chart of docs/discovery_method.md: .venv/bin/python docs/discovery_chart.py
+"""Draw the flow chart of docs/discovery_method.md; `make docs` does it (docs/reference.py).
 
-Every step names the modules that do it; tests/test_docs.py checks that they exist and that the drawing is up to date.
+Every step names the modules that do it; tests/test_docs.py checks that they exist.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from html import escape
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-OUT = ROOT / "docs" / "pictures" / "discovery.svg"
 PACKAGE = ROOT / "flashtemp" / "discovery"
 
 WIDTH, LEFT, BOX, HEIGHT, GAP, TOP = 900, 20, 560, 66, 22, 20  # px: drawing, left edge, boxes, between and above them
@@ -112,7 +111,3 @@ def draw() -> str:
         "</svg>",
     ]
     return "\n".join(text) + "\n"
-
-
-if __name__ == "__main__":
-    OUT.write_text(draw(), encoding="utf-8")

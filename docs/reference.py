@@ -1,10 +1,12 @@
-"""The pages that are made from the code: commands, keys of a case, the effects' catalogue, the gallery."""
+"""What is made from the code: commands, keys of a case, the effects' catalogue, the gallery, two drawings."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import architecture
+import discovery_chart
 import gallery
 
 import flashtemp
@@ -58,8 +60,11 @@ def write(folder: Path) -> None:
     """Write all of them into the folder `made` of the documentation's."""
     made = folder / MADE
     made.mkdir(exist_ok=True)
-    pages = {"commands": commands(), "keys": keys(), "catalogue": catalogue(), "gallery": gallery.page()}
+    pages = {
+        "commands.md": commands(), "keys.md": keys(), "catalogue.md": catalogue(), "gallery.md": gallery.page(),
+        "architecture.svg": architecture.draw(), "discovery.svg": discovery_chart.draw(),
+    }  # fmt: skip
     for name, text in pages.items():
-        file = made / f"{name}.md"
+        file = made / name
         if not file.exists() or file.read_text(encoding="utf-8") != text:  # what is unchanged is not built again
             file.write_text(text, encoding="utf-8")

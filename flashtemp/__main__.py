@@ -72,7 +72,7 @@ def _ignore_local_settings() -> None:
 def _run(words: list[str], debug: bool) -> int:
     import warnings
 
-    from flashtemp.cli.commands import NAMES, CycloptsError, app, plain
+    from flashtemp.cli.commands import CANONICAL_NAMES, NAMES, CycloptsError, app, plain
     from flashtemp.cli.table_notes import table_notes
 
     if not debug:  # what becomes of it is told where it matters
@@ -81,7 +81,7 @@ def _run(words: list[str], debug: bool) -> int:
         with table_notes():
             code = app(plain(words), exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as fault:
-        where = f"{words[0]} " if words and words[0] in NAMES else ""
+        where = f"{words[0]} " if words and words[0] in (*NAMES, *CANONICAL_NAMES) else ""
         raise BadInput("flashtemp: " + " ".join(str(fault).split()) + f" See flashtemp {where}--help.") from fault
     return code if isinstance(code, int) else DONE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 
 from flashtemp.camera import import_options
 from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
@@ -14,20 +14,34 @@ from flashtemp.physics import units
 
 __all__ = ["COMMANDS", "NAMES", "CycloptsError", "app", "plain"]
 
+OPTIONS = Group("Options", sort_key=100)  # after the groups of commands
+
 app = App(
     name="flashtemp",
+    group_commands=OPTIONS,
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
     help_epilogue="Any command with --debug shows where in the program a fault arose; with --log FILE everything that"
     " it says goes to that file too.",
     suppress_keyboard_interrupt=False,  # told below
 )
-COMMANDS: tuple[Any, ...] = (  # in the order of use
-    starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab,
-    studies.sweep, studies.converge, studies.sensitivity,
-    camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
-    studies.repetitions, studies.wait, effects.effects,
-    friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre,
-)  # fmt: skip
+GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in the order of use
+    "Simulate": (starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab),
+    "Study a case": (
+        studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, effects.effects,
+    ),
+    "Compare with measurements": (
+        camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+    ),
+    "Rubber and road": (friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre),
+}  # fmt: skip
+COMMANDS: tuple[Any, ...] = tuple(command for commands in GROUPS.values() for command in commands)
+SECOND_SPELLINGS = {  # the standard term of the field, where the name of a command is another
+    "wait": "min-wait",
+    "loads": "load-dependence",
+    "spots": "contact-map",
+    "spectrum": "power-spectrum",
+    "twin": "synthetic-campaign",
+}
 UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
     "import": import_options.UNITS,
     "view": {"time": "s"},
@@ -39,14 +53,22 @@ UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
     "spectrum": {"highpass": "m", "pixel": "m"},
 }
 NAMES = tuple(command.__name__.rstrip("_") for command in COMMANDS)
-for _number, (_name, _command) in enumerate(zip(NAMES, COMMANDS, strict=True)):
-    app.command(_command, name=_name, sort_key=_number)
+CANONICAL_NAMES = {second: name for name, second in SECOND_SPELLINGS.items()}
+for _number, (_title, _commands) in enumerate(GROUPS.items()):
+    _group = Group(_title, sort_key=_number)
+    for _command in _commands:
+        _name = _command.__name__.rstrip("_")
+        app.command(_command, name=_name, alias=SECOND_SPELLINGS.get(_name), group=_group, sort_key=NAMES.index(_name))
 
 
 def plain(words: list[str]) -> list[str]:
     """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
     refuse_odd_words(words)
-    return words[:1] + units.convert_options(words[1:], UNITS.get(words[0], {})) if words else words
+    return (
+        words[:1] + units.convert_options(words[1:], UNITS.get(CANONICAL_NAMES.get(words[0], words[0]), {}))
+        if words
+        else words
+    )
 
 
-app.register_install_completion_command(sort_key=len(COMMANDS))
+app.register_install_completion_command(group=OPTIONS)

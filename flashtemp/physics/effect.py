@@ -172,7 +172,7 @@ class Effect:
     source: ClassVar[str] = ""
     tells: ClassVar[tuple[str, ...]] = ()
     alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
-    detail: ClassVar[bool] = False  # the same physics in more detail: no cause that `discover` looks for
+    candidate: ClassVar[bool] = False  # `discover` tries it unasked; else only where a case or campaign names it
     section: ClassVar[str | None] = None  # base effects share a table of the case
     base: ClassVar[bool] = False  # base effects always act
     needs: ClassVar[str] = ""  # without which it cannot act, for people

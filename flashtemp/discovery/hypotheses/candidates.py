@@ -177,8 +177,8 @@ def _unfit(case: Case, name: str, effect: type[Effect], asked: bool) -> str:
     """Why an effect cannot be tried; empty where it can."""
     if name in case.effects:
         return "the case holds it already"
-    if effect.detail:
-        return "describes the same physics in more detail"
+    if not effect.candidate and not asked:
+        return "its file does not declare it a candidate; name it in candidates to try it too"
     if effect.alike and not asked:
         return f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
     try:

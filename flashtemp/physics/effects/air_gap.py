@@ -30,6 +30,7 @@ class AirGap(Effect):
         "(0.3 mm for asphalt), without slip above 10 um; up to twice as much above 1 m/s, where cool air is drawn in"
     )
     tells = ("block cooler all over its face, most where spots are sparse", "the road behind does not show it")
+    candidate = True
 
     conductivity = Param(0.026, "W/mK", "heat conductivity of the air", low=0.0, high=1.0, off=0.0)
     height = Param(5e-4, "m", "mean height of the gap beside the spots", low=1e-6, high=1e-2)

@@ -17,6 +17,7 @@ class AmbientDrift(Effect):
     cause = "the ambient temperature drifts"
     source = "thermometer of the laboratory"
     tells = ("slow common shift of everything", "also while waiting")
+    candidate = True
 
     rate = Param(0.005, "K/s", "drift of the ambient temperature", low=-0.2, high=0.2, off=0.0)
 

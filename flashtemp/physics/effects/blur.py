@@ -17,6 +17,7 @@ class Blur(Effect):
     cause = "the image is blurred"
     source = "knife edge in the image; a fraction of a pixel in focus"
     tells = ("edges and steep gradients washed out", "the same in every frame")
+    candidate = True
 
     sigma = Param(0.5, "px", "standard deviation added to that of the recording", low=0.0, high=20.0, off=0.0)
 

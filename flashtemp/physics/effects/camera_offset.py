@@ -17,6 +17,7 @@ class CameraOffset(Effect):
     cause = "the camera's zero is off or drifts"
     source = "data sheets: 2 K or 2 %, and 1-2 K between two corrections of its non-uniformity"
     tells = ("all pixels alike, also those that stay at ambient temperature", "also before the first start")
+    candidate = True
 
     offset = Param(1.0, "K", "temperature shown less the true one, in the first repetition", low=-20, high=20, off=0.0)
     drift = Param(0.1, "K", "growth of the offset from repetition to repetition", low=-5.0, high=5.0, off=0.0)

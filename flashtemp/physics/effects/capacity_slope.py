@@ -17,6 +17,7 @@ class CapacitySlope(Effect):
     cause = "heat capacity changes with temperature"
     source = "rubber c rises by about 0.3 % per kelvin above its glass transition"
     tells = ("slower warming of the hot parts",)
+    candidate = True
 
     block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)

@@ -22,6 +22,7 @@ class ConductanceLoad(Effect):
     cause = "the thermal resistance of the contact falls with pressure"
     source = "conductance ~ p^0.95 of rough solids in contact (Cooper, Mikic, Yovanovich); theory 2.7"
     tells = ("block hotter and road cooler at low load", "most where the pressure is low")
+    candidate = True
 
     resistance = Param(2e-5, "m2K/W", "thermal resistance at the reference pressure", low=0.0, high=1e-2, off=0.0)
     reference = Param(1.5e5, "Pa", "local nominal pressure of that resistance", low=0.0, open_low=True)

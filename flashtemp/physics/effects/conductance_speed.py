@@ -19,6 +19,7 @@ class ConductanceSpeed(Effect):
     cause = "the thermal resistance of the contact falls with speed"
     source = "theory 2.7; conductance rising with speed after Fortunato et al. 2015"
     tells = ("block hotter and road cooler at low speed", "one change per speed, all along the block")
+    candidate = True
 
     resistance = Param(2e-5, "m2K/W", "thermal resistance at the reference speed", low=0.0, high=1e-2, off=0.0)
     reference = Param(0.1, "m/s", "speed at which that resistance holds", low=0.0, high=100.0, open_low=True)

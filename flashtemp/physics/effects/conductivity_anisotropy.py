@@ -18,6 +18,7 @@ class ConductivityAnisotropy(Effect):
     source = "calendered and extruded compounds: fillers align, k_x/k_z = 1.1-2"
     uniform = True
     tells = ("profile along the block smoothed", "grows with time", "nothing at a uniform temperature along x")
+    candidate = True
 
     excess = Param(0.3, "1", "k_x/k_z of the rubber less 1", low=-0.9, high=20.0, off=0.0)
 

@@ -17,6 +17,7 @@ class ConductivitySlope(Effect):
     cause = "thermal conductivity changes with temperature"
     source = "filled rubbers lose 0.1-0.3 % per kelvin"
     tells = ("profile through the depth bends", "grows with the rise squared")
+    candidate = True
 
     block = Param(-0.002, "1/K", "relative slope of the rubber's conductivity", low=-0.005, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's conductivity", low=-0.005, high=0.02, off=0.0)

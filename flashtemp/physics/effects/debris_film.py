@@ -31,6 +31,7 @@ class DebrisFilm(Effect):
     )
     tells = ("block hotter and road cooler as the distance grows, less and less", "most where it wears most")
     alike = "third_body"
+    candidate = True
 
     thickness = Param(1e-5, "m", "largest thickness of the film", low=0.0, high=1e-3, off=0.0)
     share = Param(0.1, "1", "share of the worn depth that stays in the spots", low=0.0, high=1.0)

@@ -28,7 +28,6 @@ class DrivenFaces(Effect):
     source = "the table's own source"
     tells = ("surface temperatures as measured",)
     needs = "a block that nothing touches: schedule.alone, or lifted waits"
-    detail = True
 
     coefficient = Param(
         inf, "W/m2K", "conductance between table and surface; 'inf' holds the surface itself", low=0.0, off=0.0

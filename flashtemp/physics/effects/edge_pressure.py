@@ -19,6 +19,7 @@ class EdgePressure(Effect):
     cause = "the nominal contact pressure peaks at the leading edge"
     source = "edge effect of a sheared block, theory 7.1: B = 2.5-6, l = 0.1 L"
     tells = ("hot spot near the leading edge",)
+    candidate = True
     steady = True
 
     B = Param(4.0, "1", "height of the peak over the mean pressure", low=-1.0, high=30.0, off=0.0)

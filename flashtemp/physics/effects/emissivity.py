@@ -17,6 +17,7 @@ class Emissivity(Effect):
     cause = "the emissivity is not the one that the camera reckons with"
     source = "rubber 0.94-0.97, asphalt 0.93-0.96; 0.02 is 1.0 K at 80 degC"
     tells = ("one factor on all rises of one camera", "nothing at the reflected temperature")
+    candidate = True
 
     change = Param(-0.02, "1", "true emissivity less the one of the recording", low=-0.5, high=0.3, off=0.0)
 

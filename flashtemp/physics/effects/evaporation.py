@@ -24,6 +24,7 @@ class Evaporation(Effect):
     cause = "moisture on the road evaporates behind the block"
     source = "Lewis' relation: 3.4 times the film of air at a rise of 20 K, 5.5 times at 40 K; film of 30-50 W/m2K"
     tells = ("road behind the block cooler", "gone after a few repetitions", "nothing on a dry track")
+    candidate = True
 
     coefficient = Param(150.0, "W/m2K", "latent heat per rise in the first repetition", low=0.0, high=5e3, off=0.0)
     repetitions = Param(2.0, "1", "repetitions in which the moisture falls by e", low=0.0, high=1e3, open_low=True)

@@ -27,6 +27,7 @@ class FaceShape(Effect):
     uniform = True
     tells = ("less pressure at both edges, more in the middle",)
     alike = "pressure_crown"
+    candidate = True
     steady = True
 
     strength = Param(1.0, "1", "0: the prescribed pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)

@@ -21,6 +21,7 @@ class FrictionLoad(Effect):
     cause = "friction falls with the local pressure"
     source = "Persson contact theory: the fraction erf(..) is 2.5 % under proportion at 0.3, 7.6 % at 0.5"
     tells = ("less than proportional rise with load", "peaks of pressure heat less", "nothing at a single load")
+    candidate = True
 
     exponent = Param(0.1, "1", "exponent m of the fall with pressure", low=-0.5, high=0.9, off=0.0)
     reference = Param(1e5, "Pa", "local nominal pressure at which friction.mu holds", low=0.0, open_low=True)

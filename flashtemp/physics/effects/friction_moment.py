@@ -18,6 +18,7 @@ class FrictionMoment(Effect):
     source = "moment balance, theory 7.1; rotation stiffness K = 1/compliance"
     tells = ("leading edge pressed harder, the more so the higher friction", "does not vanish with wear")
     alike = "pressure_tilt"
+    candidate = True
 
     compliance = Param(
         0.01, "rad/(N m)", "turn of the holder per moment; 0 guides it, 'inf' lets it turn freely",

@@ -20,6 +20,7 @@ class FrictionSoftening(Effect):
     cause = "friction falls with the temperature of the contact"
     source = "theory section 3, set N: b = 0.006 /K (0.003-0.01)"
     tells = ("friction falls within a repetition", "less than proportional rise with load and speed")
+    candidate = True
 
     b = Param(0.006, "1/K", "rate of the exponential", low=-0.05, high=0.1, off=0.0)
     reference = Param(20.0, "degC", "temperature at which friction.mu holds", low=-60.0, high=300.0)

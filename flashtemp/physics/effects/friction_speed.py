@@ -19,6 +19,7 @@ class FrictionSpeed(Effect):
     cause = "friction depends on the sliding speed"
     source = "adhesive friction exp(-0.1 log10(v/(6 mm/s))^2): m = -0.1 at 0.1 m/s, -0.2 at 1 m/s; viscoelastic: > 0"
     tells = ("one factor on all heat at each speed", "friction changes alike", "nothing at a single speed")
+    candidate = True
 
     exponent = Param(0.1, "1", "exponent m of the speed", low=-1.0, high=1.0, off=0.0)
     reference = Param(0.3, "m/s", "speed at which friction.mu holds", low=0.0, high=100.0, open_low=True)

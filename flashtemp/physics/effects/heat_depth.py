@@ -17,6 +17,7 @@ class HeatDepth(Effect):
     cause = "part of the heat is released inside the rubber"
     source = "theory eq. (6): 10 % of the viscoelastic heat lies 0.1-0.2 mm deep"
     tells = ("more heat stays in the block", "temperature maximum below the surface")
+    candidate = True
 
     share = Param(0.2, "1", "share of the friction heat released at depth", low=0.0, high=1.0, off=0.0)
     depth = Param(1e-4, "m", "e-folding depth of that heat", low=5e-8, high=5e-3, spread=3.0)

@@ -24,7 +24,6 @@ class HeatedFace(Effect):
     source = "Beer-Lambert law; course and profile of the heater from its own calibration"
     tells = ("hot face while nothing touches it",)
     needs = "a block that nothing touches: schedule.alone, or lifted waits"
-    detail = True
 
     irradiance = Param(5e4, "W/m2", "irradiance of the face", low=0.0, high=1e8, off=0.0)
     absorptivity = Param(0.95, "1", "share of it that is absorbed", low=0.0, high=1.0)

@@ -18,6 +18,7 @@ class HolderSink(Effect):
     cause = "the holder carries heat away"
     source = "theory 1.3: insulated, isothermal or a coefficient"
     tells = ("cold back of the block", "matters after H^2/(pi^2 D) = 40 s")
+    candidate = True
 
     coefficient = Param(50.0, "W/m2K", "heat-transfer coefficient to the holder, or 'inf'", low=0.0, off=0.0)
     temperature = Param(None, "degC", "temperature of the holder; ambient if not given", low=-60.0, high=300.0)

@@ -17,6 +17,7 @@ class InterfaceResistance(Effect):
     cause = "a film in the contact resists the passage of heat"
     source = "series resistance of a thin layer; a debris film of 10 um and 0.2 W/mK has 5e-5 m2K/W"
     tells = ("block hotter, road cooler, by the same flux",)
+    candidate = True
     steady = True
 
     resistance = Param(2e-5, "m2K/W", "thermal resistance of the film", low=0.0, high=1e-2, off=0.0)

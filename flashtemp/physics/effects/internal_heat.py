@@ -22,6 +22,7 @@ class InternalHeat(Effect):
     source = "standing vibration and stick-slip; a few per cent of the friction work is the order to look for"
     uniform = True
     tells = ("warm also far from the contact", "grows with load and speed alike", "nothing while waiting")
+    candidate = True
 
     loss = Param(0.02, "1", "heat in the block per p v of the contact", low=0.0, high=1.0, off=0.0)
 

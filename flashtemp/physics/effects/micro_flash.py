@@ -33,6 +33,7 @@ class MicroFlash(Effect):
     )
     tells = ("block hotter and road cooler by the same flux, less so at speed", "friction that falls with T falls more")
     alike = "interface_resistance"
+    candidate = True
 
     strength = Param(1.0, "1", "factor on the rise of the micro-contacts", low=0.0, high=3.0, off=0.0)
     contact_size = Param(1e-5, "m", "diameter of a micro-contact", low=1e-8, high=1e-3)

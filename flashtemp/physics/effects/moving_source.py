@@ -27,7 +27,6 @@ class MovingSource(Effect):
     )
     tells = ("a maximum that wanders along the block at one speed", "two of them behind one another under a round tool")
     needs = "a block that nothing touches: schedule.alone, or lifted waits"
-    detail = True
 
     strength = Param(1e3, "W/m", "heat into the face per metre across, of the leading arc", low=0.0, high=1e7, off=0.0)
     speed = Param(2e-3, "m/s", "speed along x", low=0.0, open_low=True, high=100.0)

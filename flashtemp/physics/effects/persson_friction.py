@@ -23,7 +23,6 @@ class PerssonFriction(Effect):
     cause = "friction follows from roughness, viscoelastic modulus and real contact"
     source = "Persson 2001, 2006; theory 2.1-2.6 eqs. (16)-(17)"
     tells = ("friction falls as the contact warms and depends on speed", "part of the heat a tenth of a mm deep")
-    detail = True
     steady = True
 
     weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)

@@ -17,6 +17,7 @@ class PressureCrown(Effect):
     cause = "the nominal contact pressure is highest in the middle of the block"
     source = "parabolic pressure under a bonded block of incompressible rubber (Gent); barrelling"
     tells = ("middle of the side wall warmer, both ends cooler", "the same when the block is turned round")
+    candidate = True
     steady = True
 
     c = Param(0.2, "1", "relative excess of pressure in the middle", low=-1.0, high=0.5, off=0.0)

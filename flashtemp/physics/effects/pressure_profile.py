@@ -23,6 +23,7 @@ class PressureProfile(Effect):
     cause = "the nominal contact pressure follows a measured profile"
     source = "the table's own source"
     tells = ("hot where the profile is high",)
+    candidate = True
     steady = True
 
     weight = Param(1.0, "1", "0 uniform, 1 the profile as given", low=0.0, high=1.0, off=0.0)

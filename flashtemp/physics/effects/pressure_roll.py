@@ -17,6 +17,7 @@ class PressureRoll(Effect):
     cause = "the nominal contact pressure is tilted towards one side"
     source = "moment balance of the holder about the direction of sliding"
     tells = ("one side wall warmer than the other",)
+    candidate = True
     steady = True
     needs = "3D, numerics.across above 1"
 

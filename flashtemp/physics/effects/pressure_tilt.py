@@ -17,6 +17,7 @@ class PressureTilt(Effect):
     cause = "the nominal contact pressure is tilted towards one edge"
     source = "moment balance of the holder, theory 7.1"
     tells = ("side wall warmer near the leading edge, cooler at the trailing one",)
+    candidate = True
     steady = True
 
     a = Param(

@@ -21,6 +21,7 @@ class Radiation(Effect):
     cause = "surfaces radiate heat"
     source = "Stefan-Boltzmann law; rubber 0.94-0.97, asphalt 0.93-0.96; 5.4 W/m2K for a small rise, 8 for 80 K"
     tells = ("more than proportional to the rise", "whatever the speed", "also while waiting")
+    candidate = True
 
     emissivity = Param(
         0.95, "1", "emissivity of rubber and road; ambient.convection is then without radiation",

@@ -17,6 +17,7 @@ class Reflection(Effect):
     cause = "something warmer or colder than assumed is mirrored in the wall"
     source = "10 K at emissivity 0.95 show 0.5 K too much at 40 degC"
     tells = ("one offset of the whole image, smaller where it is hot",)
+    candidate = True
 
     excess = Param(10.0, "K", "reflected temperature over the one of the recording", low=-200.0, high=500.0, off=0.0)
 

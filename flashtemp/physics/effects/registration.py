@@ -17,6 +17,7 @@ class Registration(Effect):
     cause = "the image is shifted"
     source = "marked points good to 0.3 px leave 0.15-0.35 px"
     tells = ("residual follows the gradient of the image", "fixed in pixels")
+    candidate = True
 
     du = Param(0.2, "px", "what is seen at u lies at u + du", low=-20.0, high=20.0, off=0.0)
     dv = Param(0.0, "px", "what is seen at v lies at v + dv", low=-20.0, high=20.0, off=0.0)

@@ -27,7 +27,6 @@ class ResolvedSpots(Effect):
     cause = "each macroasperity spot heats rubber and road by itself"
     source = "theory 1.3 eqs. (1)-(7)"
     tells = ("hot spots that move with the road", "tracks of spots on the block")
-    detail = True
 
     weight = Param(1.0, "1", "1: spots resolved; 0: averaged over their passage", low=0.0, high=1.0, off=0.0)
     pattern = Param("random", "1", 'arrangement of the spots: "random", "regular" or "stripes"', kinds=("name",))

@@ -19,6 +19,7 @@ class ShearedBlock(Effect):
     uniform = True
     tells = ("leading edge pressed harder, the more so the higher friction", "fades as friction falls with temperature")
     alike = "edge_pressure"
+    candidate = True
 
     strength = Param(1.0, "1", "share of the friction that shears the block", low=0.0, high=2.0, off=0.0)
 

@@ -17,6 +17,7 @@ class SideCooling(Effect):
     cause = "the block's walls lose heat to the air stream"
     source = "flat plate, Nu ~ Re^0.8 where turbulent, Re^0.5 where laminar (Re < 5e5 on a smooth one)"
     tells = ("grows with speed", "covers the whole wall", "nothing at rest")
+    candidate = True
 
     gain = Param(20.0, "W/m2K", "heat-transfer coefficient at 1 m/s", low=0.0, high=500.0, off=0.0)
     exponent = Param(0.8, "1", "exponent n of the speed", low=0.0, high=1.5, open_low=True, spread=1.3)

@@ -20,6 +20,7 @@ class SpotSaturation(Effect):
     cause = "the macroasperity contact fraction saturates with pressure"
     source = "theory 7.4: phi = phi_sat erf((sqrt(pi)/2) (phi_ref/phi_sat) (p/p_ref)^n)"
     tells = ("heat per spot grows with pressure",)
+    candidate = True
     steady = True
 
     saturation = Param(2.0, "1", "reciprocal of the largest contact fraction", low=0.0, high=20.0, off=0.0, curved=True)

@@ -19,6 +19,7 @@ class StickSlip(Effect):
     cause = "friction oscillates along the track"
     source = "stick-slip of coupled macroasperities, EPL 113 56002 (abstract)"
     tells = ("ripples in friction and temperature at one spatial period",)
+    candidate = True
 
     amplitude = Param(0.1, "1", "relative amplitude of the oscillation", low=0.0, high=1.0, off=0.0)
     wavelength = Param(0.5, "m", "slid distance of one period", low=5e-3, high=100.0)

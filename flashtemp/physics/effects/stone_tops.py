@@ -29,6 +29,7 @@ class StoneTops(Effect):
         "holds while heat stays within the stone, sqrt(D t) below its radius: 0.1-0.5 mm under the block"
     )
     tells = ("road and block cooler by one factor at every speed", "friction does not change with it")
+    candidate = True
 
     share = Param(1.0, "1", "share of the spots' area on bare stone, the rest on the mix", low=0.0, high=1.0, off=0.0)
     effusivity = Param(2302.0, "W s^0.5/(m2K)", "effusivity of the stones", low=100.0, high=1e5)

@@ -23,6 +23,7 @@ class ThermalExpansion(Effect):
     uniform = True
     tells = ("trailing edge pressed harder, the more so the hotter", "grows during a repetition, fades in a wait")
     alike = "pressure_tilt"
+    candidate = True
 
     coefficient = Param(1.6e-4, "1/K", "linear thermal expansion of the rubber", low=0.0, high=1e-3, off=0.0)
 

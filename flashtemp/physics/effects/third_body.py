@@ -17,6 +17,7 @@ class ThirdBody(Effect):
     cause = "a layer of debris grows in the contact"
     source = "a layer of 10 um and 0.2 W/mK has 5e-5 m2K/W; the default reaches it in ten repetitions"
     tells = ("block hotter and road cooler with every repetition", "all along the block", "gone on a cleaned track")
+    candidate = True
 
     growth = Param(5e-6, "m2K/W", "thermal resistance gained in one repetition", low=0.0, high=1e-2, off=0.0)
 

@@ -17,6 +17,7 @@ class TimeLag(Effect):
     cause = "the frames are stamped late"
     source = "trigger delay; time constant of a microbolometer, 8-12 ms"
     tells = ("wrong where temperature changes fast", "gone when it is steady")
+    candidate = True
 
     lag = Param(0.05, "s", "time of the stamp less that of the image", low=-5.0, high=5.0, off=0.0)
 

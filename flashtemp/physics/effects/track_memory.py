@@ -18,6 +18,7 @@ class TrackMemory(Effect):
     source = "theory 1.5: about 1-2 K after ten repetitions"
     needs = "a schedule on which the block comes round the track again"
     tells = ("whole profile lifted, most at the leading edge", "grows with repetition")
+    candidate = True
 
     strength = Param(1.0, "1", "share of the left heat that comes round", low=0.0, high=1.5, off=0.0)
 

@@ -29,6 +29,7 @@ class Wear(Effect):
     cause = "the block wears, so that its nominal contact pressure changes with the distance slid"
     source = "theory 7.2; relaxation over s_w = 1/(k_n k) whatever the load and speed; b: Lake & Lindley 1964"
     tells = ("leading edge cools from one repetition to the next", "friction drifts and settles", "rounded edge")
+    candidate = True
 
     rate = Param(6e-11, "m2/N", "worn depth per slid distance and pressure", low=0.0, high=1e-7, off=0.0)
     energy = Param(1.0, "1", "1: in proportion to friction energy, k mu p; 0: to pressure, k p", low=0.0, high=1.0)

@@ -1,19 +1,23 @@
-# flashtemp: `make demo` runs the main job, `make test` the tests.  Both set up .venv when it is
-# missing or older than pyproject.toml; nothing outside this folder is touched, except that root
-# (or sudo without a password) installs SUNDIALS where apt-get has it and it is missing.
+# flashtemp: `make demo` runs the main job, `make test` the tests.  Each sets up what it needs in .venv when
+# that is missing or older than pyproject.toml: a run, then the tests, then the documentation.  Nothing outside
+# this folder is touched, except that root (or sudo without a password) installs SUNDIALS where apt-get has it.
 
 CASE ?= cases/run_in
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP := .venv/bin/python -m pip --disable-pip-version-check
+RUN := .venv/.run
 READY := .venv/.ready
+DOCS := .venv/.docs
+INSTALL := PYTHONWARNINGS="ignore:Editable installation" $(PIP) install --quiet --no-compile --editable
+COMPILE := .venv/bin/python -m compileall -q -j 0 .venv/lib flashtemp viz >/dev/null 2>&1 || true  # once, on all cores
 
 .PHONY: help demo test test-all attack bench-smoke coverage lint docs odes browser clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1	/p' Makefile
 
-demo: $(READY)  ## simulate cases/run_in; CASE=... for another
+demo: $(RUN)  ## simulate cases/run_in; CASE=... for another
 	.venv/bin/flashtemp run $(CASE)
 
 test: $(READY)  ## run the tests but the long ones, a file per core at a time; ARGS=... goes to pytest
@@ -39,7 +43,7 @@ lint: $(READY)  ## ruff: rules and format; mypy: types
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy flashtemp
 
-docs: $(READY)  ## the documentation as a site in build/site: notebooks executed, links within it checked
+docs: $(DOCS)  ## the documentation as a site in build/site: notebooks executed, links within it checked
 	OMP_NUM_THREADS=1 .venv/bin/sphinx-build --quiet --fail-on-warning --keep-going -j auto -b html docs build/site
 
 # The page is tested in the distribution's own Chromium; where there is none its tests in the browser are skipped.
@@ -55,14 +59,27 @@ clean:  ## remove .venv and everything built or cached, but no results
 
 .venv/bin/pip:
 	@test -n "$(PYTHON)" || { echo "flashtemp needs Python 3.11 or later: apt-get install python3-venv"; exit 1; }
-	@echo "setting up .venv: two to six minutes on two cores, once"
+	@echo "setting up .venv for runs: MINUTES"
 	@$(PYTHON) -m venv --clear .venv
 
-$(READY): pyproject.toml | .venv/bin/pip
-	$(PIP) install --quiet --upgrade pip
-	$(PIP) install --quiet --no-compile --editable '.[test,dev,docs]'
-	@.venv/bin/python -m compileall -q -j 0 .venv/lib flashtemp viz >/dev/null 2>&1 || true  # once, on all cores
-	@$(MAKE) --no-print-directory odes browser
+$(RUN): pyproject.toml | .venv/bin/pip
+	@$(PIP) install --quiet --upgrade pip
+	@$(INSTALL) .
+	@$(COMPILE)
+	@$(MAKE) --no-print-directory odes
+	@touch $@
+
+$(READY): $(RUN)
+	@echo "adding what the tests need: TESTMINUTES"
+	@$(INSTALL) '.[test,dev]'
+	@$(COMPILE)
+	@$(MAKE) --no-print-directory browser
+	@touch $@
+
+$(DOCS): $(RUN)
+	@echo "adding what the documentation needs: DOCSMINUTES"
+	@$(INSTALL) '.[docs]'
+	@$(COMPILE)
 	@touch $@
 
 # scikits-odes is compiled on the system's SUNDIALS: 3.0 on SUNDIALS 6 (Python <= 3.12), 3.1 on 7.

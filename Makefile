@@ -133,6 +133,6 @@ $(FAST)/lib:
 			timeout 120 cmake --build build --parallel --target install && mv ../new/lib ../lib; } >../log 2>&1; then \
 		echo "SUNDIALS: compiled with optimisation, from $$version"; \
 	else \
-		echo "SUNDIALS: as the distribution compiled it, without optimisation; runs take twice as long (docs/performance.md)"; \
+		echo "SUNDIALS: as the distribution compiled it, without optimisation; runs take twice as long (docs/explanation/performance.md)"; \
 	fi; \
 	rm -rf ../src ../new

@@ -48,7 +48,7 @@ OUTCOMES = (
     "timeout", "failed",
 )  # fmt: skip
 CORRECT = ("right", "extra", "part", "group", "weak")  # outcomes whose causes include a hidden effect
-SUMMARY_COLUMNS: dict[str, tuple[str, ...]] = {  # columns of docs/discovery_validation.md and the OUTCOMES in each
+SUMMARY_COLUMNS: dict[str, tuple[str, ...]] = {  # of the validation page: the OUTCOMES in each
     "right": ("right",), "part": ("part", "law"), "group": ("group",), "weak": ("weak",), "none": ("none",),
     "unexplained": ("unexplained",), "no_verdict": ("no_verdict", "timeout", "failed"), "weak_wrong": ("weak wrong",),
     "wrong": ("wrong", "extra"),
@@ -295,7 +295,7 @@ def summarise_coverage(records: list[Record]) -> str:
 
 
 def summarise(records: list[Record]) -> Record:
-    """The figures of docs/discovery_validation.md: a row for each set and kind, and how many intervals hold the truth.
+    """The figures of the validation page in docs: a row for each set and kind, and how many intervals hold the truth.
 
     CPU seconds are those of a core that counts to ten million in REFERENCE_COUNT_S.  No cause where nothing is hidden
     is right.

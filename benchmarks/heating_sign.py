@@ -3,7 +3,7 @@
 Run it with the interpreter of the project: `.venv/bin/python benchmarks/heating_sign.py` (20 minutes).  It draws the
 inputs from a Latin hypercube, runs each draw at 0.1 and 1 m/s and at 0.05 and 0.3 MPa, with and without softening, and
 writes benchmarks/results/heating_sign.json.  Two sets of ranges: rubber A as well as a laboratory knows a compound, and
-any compound of the ranges to which docs/friction.md fits its cold-hot law.
+any compound of the ranges to which docs/explanation/friction.md fits its cold-hot law.
 """
 
 from __future__ import annotations

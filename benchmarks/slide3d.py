@@ -10,7 +10,7 @@
     python benchmarks/slide3d.py --bandwidth        what memory allows
     python benchmarks/slide3d.py --reference        make tests/data/slide3d_reference.json anew (some minutes)
 
-Figures last measured: docs/performance.md.
+Figures last measured: docs/explanation/performance.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What every chosen input does to temperature and friction: `.venv/bin/python docs/choices.py` (two minutes).
 
 Runs short slides of cases/run_in with friction by theory, one choice changed at a time, writes
-benchmarks/results/choices.json and the table of docs/choices.md.
+benchmarks/results/choices.json and the table of docs/explanation/choices.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import flashtemp
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "choices.json"
-PAGE = ROOT / "docs" / "choices.md"
+PAGE = ROOT / "docs" / "explanation" / "choices.md"
 SPEEDS = (0.1, 1.0)  # m/s
 MARKS = r"(<!-- choices: [^\n]*-->\n).*?(<!-- end -->)"
 SHORT = {"schedule.distance": 0.4, "schedule.repetitions": 1, "schedule.wait": 0.0, "output.vtk": False}

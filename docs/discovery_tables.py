@@ -169,8 +169,8 @@ def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "discovery_criteria.md": {"criteria": criteria_table, "replay": replay_table},
-    "discovery_validation.md": {
+    "reference/discovery_criteria.md": {"criteria": criteria_table, "replay": replay_table},
+    "explanation/discovery_validation.md": {
         "outcomes": outcome_tables,
         "intervals": interval_table,
         "times": time_table,

@@ -102,7 +102,7 @@ def hidden_tilt():
 
 
 def run_in() -> None:
-    """The pictures of docs/run_in.md that its case draws."""
+    """The pictures of docs/explanation/run_in.md that its case draws."""
     heavy = {"contact__pressure": 2.5e5}
     laws = {
         name: simulate("run_in", **heavy, contact__spot_exponent=n, wear__rate=rate)

@@ -14,6 +14,7 @@ from flashtemp.api.effects import parameter_line
 from flashtemp.cli.commands import app
 from flashtemp.model.schema import NAMED, TABLES, declared
 from flashtemp.model.starter import MANY, about, example
+from flashtemp.physics.quantities import CAMERA, QUANTITIES, SITES
 
 MADE = "made"  # the folder beside the pages that holds them; not kept
 
@@ -40,7 +41,7 @@ def catalogue() -> str:
     """Every effect: cause, keys, signs by which it shows, source."""
     out = [
         "# The effects' catalogue\n\nMade from the effects' own files; on the command line `flashtemp effects`."
-        "  What always acts stands first.  Your own is [one file more](../effects.md).\n"
+        "  What always acts stands first.  Your own is [one file more](../how_to/effects.md).\n"
     ]
     for e in flashtemp.effects().entries:
         always = " (always acts)" if e["always"] else ""
@@ -50,6 +51,22 @@ def catalogue() -> str:
             f"## {e['name']}{always}\n\n{e['cause']}.\n\n" + "\n".join(lines) + f"\n{shows}\nSource: {e['source']}\n"
         )
     return "\n".join(out)
+
+
+def quantities() -> str:
+    """Quantities of the balance that an effect may change, what its law sees, and the sites of heat."""
+    kind = {True: "zone", False: "patch, film"}
+    places = "".join(f"| `{s.name}` | {kind[s.zone]} | {s.about} |\n" for s in SITES.values())
+    head = "| quantity | unit of a term | before | meaning | its law sees besides |\n|---|---|---|---|---|\n"
+    balance, camera = (
+        head + "".join(f"| `{q.name}` | {q.unit} | {q.base} | {q.about} | {q.sees} |\n" for q in rows.values())
+        for rows in (QUANTITIES, CAMERA)
+    )
+    return (
+        "# Quantities and sites\n\nWhat an [effect](../how_to/effects.md) may change, and where it may release heat."
+        f"\n\n## Quantities of the balance\n\n{balance}\n## Quantities of the camera\n\n{camera}"
+        f"\n## Sites\n\n| site | of | where |\n|---|---|---|\n{places}"
+    )
 
 
 def _cell(text: str) -> str:
@@ -62,6 +79,7 @@ def write(folder: Path) -> None:
     made.mkdir(exist_ok=True)
     pages = {
         "commands.md": commands(), "keys.md": keys(), "catalogue.md": catalogue(), "gallery.md": gallery.page(),
+        "quantities.md": quantities(),
         "architecture.svg": architecture.draw(), "discovery.svg": discovery_chart.draw(),
     }  # fmt: skip
     for name, text in pages.items():

@@ -26,7 +26,10 @@ SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # m/s
 PRESSURES, AMBIENT = (0.5e5, 1.5e5), (20.0, 40.0)  # Pa, degC
 DISTANCE = 0.5  # m
 PIXEL, ROWS = 0.2e-3, 10  # m, pixels from the face up: the lowest is centred 0.1 mm above it
-CAMERA: dict[str, float] = {"emissivity": 0.95, "psf_sigma_px": 0.7}  # told as it is; usual blur of docs/camera.md
+CAMERA: dict[str, float] = {
+    "emissivity": 0.95,
+    "psf_sigma_px": 0.7,
+}  # as stated; a usual blur
 SHORT = {
     "schedule.distance": DISTANCE, "schedule.repetitions": 1, "schedule.wait": 0.0, "output.vtk": False,
     "numerics.above": ABOVE,

@@ -50,7 +50,7 @@ def pytest_configure():
 
 
 def check(label: str, error: float, bound: float) -> None:
-    """An error and its bound, printed for the table of docs/verification.md."""
+    """An error and its bound, printed for the table of docs/explanation/verification.md."""
     print(f"{label}: {error:.3g} <= {bound:.3g}")
     assert error <= bound, label
 

@@ -46,7 +46,7 @@ def test_a_circle_is_told(drawing, rooms):
 
 
 def test_page_says_what_every_package_is_for(rooms):
-    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     for name, room in rooms.items():
         assert f"`{name}" in page, name
         assert room.says, name

@@ -29,7 +29,7 @@ def test_path_exists(path):
 
 
 def test_there_are_paths():
-    assert {"docs/effects.md", "cases/*/expected.toml", "viz/__init__.py", "CHANGELOG.md"} <= set(paths())
+    assert {"docs/how_to/effects.md", "cases/*/expected.toml", "viz/__init__.py", "CHANGELOG.md"} <= set(paths())
 
 
 @pytest.mark.parametrize("target", sorted(set(re.findall(r"(?:`|^ +|=1 )make ([a-z]+)", TEXT, re.M))))
@@ -76,4 +76,9 @@ def test_hooks_and_continuous_integration_run_what_lint_runs():
         assert f"entry: {INSTALLED}{program}" in hooks
     assert re.findall(r"repo: (\S+)", hooks) == ["local"]
     assert {"language: system", "language: pygrep"} == set(re.findall(r"language: \w+", hooks))
-    assert re.findall(r"^make (?:--\S+ )*([^#\n]+?) *(?:#.*)?$", ci, re.M) == ["lint docs", "test", "bench-smoke"]
+    assert re.findall(r"^make (?:--\S+ )*([^#\n]+?) *(?:#.*)?$", ci, re.M) == [
+        ".venv/.ready .venv/.docs",
+        "lint docs",
+        "test",
+        "bench-smoke",
+    ]

@@ -17,7 +17,7 @@ from flashtemp.runs.effect_check.battery import examine
 from flashtemp.runs.effect_check.scenes import Bench, Trial
 from flashtemp.runs.effect_check.source import unit_fault
 
-DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
+DOCS = Path(__file__).parents[1] / "docs" / "how_to" / "effects.md"
 SOUND = '''"""Friction falls as the contact warms.
 
 >>> from types import SimpleNamespace as N

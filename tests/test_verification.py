@@ -1,6 +1,6 @@
 """The solver against closed forms: no bound is more than twice the error measured.
 
-`pytest -s tests/test_verification.py` prints error and bound of each comparison (docs/verification.md).
+`pytest -s tests/test_verification.py` prints error and bound of each comparison (docs/explanation/verification.md).
 Every run also has to conserve energy to rounding.
 """
 

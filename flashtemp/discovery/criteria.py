@@ -1,7 +1,7 @@
 """Every number by which a discovery decides, in one place, each with unit, meaning and reason.
 
-`docs/discovery_criteria.md` is generated from this table.  Numbers of the numerical methods (trust region, alignment of
-images) and prior uncertainties of inputs and cameras are no criteria: they stand with their methods and in
+`docs/reference/discovery_criteria.md` is generated from this table.  Numbers of the numerical methods (trust region,
+alignment of images) and prior uncertainties of inputs and cameras are no criteria: they stand with their methods and in
 `hypotheses/input_kinds.py`, `camera/camera_classes.py` and `estimation/nuisance_priors.py`.
 """
 
@@ -55,11 +55,11 @@ class Criteria:
     # --- size of an effect -----------------------------------------------------------------------------------------
     visible_fraction: float = _number(
         1e-3, "of the rise", "that a cause must change in some recording, or of the friction in a trace",
-        "error of the discretised model (docs/verification.md): less is no physics",
+        "error of the discretised model (docs/explanation/verification.md): less is no physics",
     )  # fmt: skip
     hint_fraction: float = _number(
         3e-3, "of the rise", "that a hint must change in some recording",
-        "largest error of closures and mesh (docs/verification.md)",
+        "largest error of closures and mesh (docs/explanation/verification.md)",
     )  # fmt: skip
     mesh_error_left: float = _number(
         0.1, "1", "fraction of the estimated mesh error that calibrating it may leave",

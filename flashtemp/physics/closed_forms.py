@@ -1,6 +1,6 @@
 """Closed-form solutions of sliding heat conduction: the truth that solver and effects are tested on.
 
-Numbers V1..V23 are those of the verification list (docs/claims.md).  All functions are pure;
+Numbers V1..V23 are those of the verification list (docs/explanation/claims.md).  All functions are pure;
 `body`, `rubber` and `road` are `Material`s, z is the depth below the heated surface in m, t the time
 in s, results are temperature rises in K unless said otherwise.  V15, V18 and V19 are properties of
 the solver and have no function of their own beyond `scaling` and `road_rise`.

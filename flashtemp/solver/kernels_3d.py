@@ -169,7 +169,7 @@ def sweep(lines, factors, crossing, gamma, r, z):
     Returns the heat (J per metre of width, rows
     weighted by `weight`) in r and in z.
     """
-    # one loop over lines: split in functions it costs a quarter more (docs/performance.md)
+    # one loop over lines: split in functions it costs a quarter more (docs/explanation/performance.md)
     start, m, first, capacity, _, _, weight, share = lines
     inv, mul, low, low2, high = factors
     up, down, under, over = crossing

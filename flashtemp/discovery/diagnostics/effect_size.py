@@ -35,7 +35,7 @@ def largest_change(
 
 def _mesh_error(data: Data, file: str) -> float:
     """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
-    one changes is the error, of which they left 1 to 4 % where it was measured (docs/discovery_method.md)."""
+    one changes is the error, of which they left 1 to 4 % where it was measured (docs: discovery_method)."""
     if (fixed := data.fixed.get(file)) is None:
         return 0.0
     columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]

@@ -16,7 +16,7 @@ from flashtemp.comparison.campaign import View
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
-# of the rise, rms over a view: what discretisation and closures state (docs/verification.md); evidence chooses one
+# of the rise, rms over a view: what discretisation and closures state (docs: verification); evidence chooses one
 LEAST_DISCREPANCY, LARGEST_DISCREPANCY = 1e-3, 3e-3
 ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
 TYPICAL_DISCREPANCY = 2e-3  # by which pulls are judged

@@ -2,7 +2,7 @@
 
 A lane of discs moved sideways by a distance r covers the share h(r/diameter) of itself again.  With equal conduction
 in all directions heat that has gone r deep has gone r sideways too, so that the lane's surface rise is the mean
-slope of its column's rise T, weighted with that share (docs/theory.md):
+slope of its column's rise T, weighted with that share (docs/explanation/theory.md):
 
     T_lane = -int_0^inf c(r) dT/dr dr,       c(r) = max(h(r/diameter), phi)
 

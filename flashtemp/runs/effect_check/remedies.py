@@ -76,7 +76,7 @@ def of_exception(file: Path, fault: Exception, where: str = "") -> str:
     if isinstance(fault, AttributeError) and "SimpleNamespace" in said:
         return f"{at}: p has no {said.rsplit(' ', 1)[-1]}; it holds the parameters that the class declares"
     if isinstance(fault, AttributeError) and "Moment" in said:
-        return f"{at}: now has no {said.rsplit(' ', 1)[-1]}; docs/effects.md says what laws see"
+        return f"{at}: now has no {said.rsplit(' ', 1)[-1]}; docs/how_to/effects.md says what laws see"
     if isinstance(fault, ZeroDivisionError):
         remedy = "declare that parameter with low > 0, or open_low=True" if "=" in where else HELD
         return f"{at}: divides by zero where {where or 'it is asked'}; {remedy}"
@@ -88,7 +88,7 @@ def of_exception(file: Path, fault: Exception, where: str = "") -> str:
     if "complex" in said or "safe" in said:
         return f"{at}: {said}; laws get complex numbers: {ALLOWED}"
     if "NoneType" in said:
-        return f"{at}: {said}; this quantity does not see what the law asks for: docs/effects.md has the list"
+        return f"{at}: {said}; this quantity does not see what the law asks for: docs/how_to/effects.md has the list"
     return f"{at}: fails: {said}; repair that line"
 
 

@@ -112,7 +112,7 @@ def test_guide_says_what_to_do_with_every_kind_of_verdict():
     assert set(re.findall(r"^\| `(\w+)`", rows, re.MULTILINE)) == set(KINDS)
 
 
-@pytest.mark.parametrize("book", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("book", sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")), ids=lambda p: p.stem)
 def test_notebooks_are_kept_without_what_they_print(book):
     cells = json.loads(book.read_text(encoding="utf-8"))["cells"]
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)

@@ -138,7 +138,7 @@ def test_kinds_agree_with_what_calibration_and_sensitivity_use():
 
 
 def test_the_docs_list_every_kind_with_its_standard_deviation():
-    page = (ROOT / "docs" / "how_to" / "camera.md").read_text()
+    page = (ROOT / "docs" / "reference" / "file_formats.md").read_text()
     for kind in INPUT_KINDS.values():
         unit = " %" if kind.relative else "" if kind.name in ("emissivity", "Poisson's ratio") else " K"
         assert f"| {kind.name} | {(100 if kind.relative else 1) * kind.sd:g}{unit} | {kind.reason} |" in page

@@ -24,7 +24,7 @@ from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables.encoding import mend_signs, utf16_without_mark
 
 PER_BYTE = 25.0  # bytes of memory while a byte of text becomes numbers
-NO_TEXT = "no text with a matrix of temperatures; choose a file of a kind listed in docs/how_to/camera.md"
+NO_TEXT = "no text with a matrix of temperatures; choose a file of a kind listed in docs/reference/file_formats.md"
 NO_TEMPERATURE = -273.0  # degC: absolute zero, of a pixel without a value, in whole degrees or finer
 ALIKE = str.maketrans(
     {"−": "-", "\u00a0": " ", "\u202f": " ", "℃": "°C", "℉": "°F", "º": "°", "˚": "°", "\ufeff": None}

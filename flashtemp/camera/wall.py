@@ -2,7 +2,8 @@
 
 In 2D the section is one that no side wall is near, but for films that the section itself feels (`block.sides`).  The
 wall is cooler, the more the longer ago the heat came that lies behind it: a problem of the block's corner, which is
-solved for what its face has been through (`flashtemp/camera/corner.py`).  How good that is: docs/explanation/camera_model.md.
+solved for what its face has been through (`flashtemp/camera/corner.py`).  How good that is:
+docs/explanation/camera_model.md.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def kept(s: Set, age: np.ndarray, floor: float) -> np.ndarray:
 def slide(s: Set, speed: float, distance: float, pressure, fraction, mu=1.0, widening=True, flash=True):
     """Rises (columns,) of the block's face and in the spots after a slide under `pressure` (columns,) Pa.
 
-    The flash is eqs. (8) and (9) after more than a diameter.
+    The flash is eqs. (12) and (13) after more than a diameter.
     """
     n, dt = s.columns, s.length / s.columns / speed
     fraction = np.broadcast_to(fraction, n).astype(float)

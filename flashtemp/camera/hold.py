@@ -5,7 +5,7 @@ that were not warm when they came under the block.  A rise T(x) of the face lose
 
     T(x) = R J(x) + int_0^x c((x - x')/v) / (e_S sqrt(pi v (x - x'))) J(x') dx',
 
-c what a lane keeps of its heat as it widens (theory.md, section 2a).  A lifted face is held by its film alone.
+c what a lane keeps of its heat as it widens (theory.md, eq. (15c)).  A lifted face is held by its film alone.
 """
 
 from __future__ import annotations

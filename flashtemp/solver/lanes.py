@@ -55,7 +55,7 @@ def apart(b: Balance, phi, weights, heat: float) -> Apart:
     """`Apart` of contact fractions (columns,) and `weights` of fluxes, `heat` W/m2 the scale of what there is to take.
 
     A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat: of
-    F' = phi' J' a lane keeps F'/max(phi, phi') (docs/explanation/theory.md, section 2a).
+    F' = phi' J' a lane keeps F'/max(phi, phi') (docs/explanation/theory.md, eq. (15d)).
     """
     phi = phi.reshape(-1, b.scene.mesh.n_across).T
     dx = b.scene.mesh.dx_block

@@ -102,7 +102,7 @@ class RoadFrame:
         """By how much (columns,) m2 K/W a spot is hotter than cells of `road` of which a share `bare` is left free.
 
         `bare` (columns of road between `edges`, planes).  After a time `passed` (columns,) s the heat is still where it
-        came in, later it has gone sideways by a cell: resistances side by side (theory.md, section 2c).
+        came in, later it has gone sideways by a cell: resistances side by side (theory.md, eq. (7c)).
         """
         ny = self.mesh.n_across
         free = bare[1:-1].ravel()
@@ -116,7 +116,7 @@ class RoadFrame:
     def edge(self, cover: np.ndarray, speed: float, rubber) -> np.ndarray:
         """By how much (columns,) m2 K/W spots are hotter than cells of `rubber` that they only `cover` in part.
 
-        The rim of a spot comes over the cell, and goes, within about dx/v (theory.md, section 2c).
+        The rim of a spot comes over the cell, and goes, within about dx/v (theory.md, eq. (7c)).
         """
         theta = 2.0 * np.sqrt(self.dx / max(speed, 1e-300) / np.pi) / rubber.effusivity
         late = self.dx / (2.0 * rubber.conductivity)

@@ -8,7 +8,7 @@ with r slid since the rubber came into contact; law (2) of the source, theory 2.
 
 The flash itself builds up over 0.17 D; friction that it lowers heats less, so that the hot branch is reached sooner,
 and a road that warms under the spot makes it later.  Speed, diameter, diffusivity and the rubber's temperature slope
-act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent of -0.002 (friction.md, section 5).
+act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent of -0.002 (friction.md, eq. (20b)).
 
 >>> import numpy as np
 >>> cold, hot = (Branch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))

@@ -122,7 +122,9 @@ def test_glossary_is_sorted_and_names_keys_and_commands_that_exist():
     assert len(terms) >= 80
     assert terms == sorted(set(terms))
     places = re.findall(r"`([^`]+)`", " ".join(row[3] for row in rows))
-    keys = [p for p in places if re.fullmatch(r"[a-z_]+(\.NAME)?\.[a-zA-Z_]+", p) and p.rpartition(".")[2] not in FILE_ENDS]
+    keys = [
+        p for p in places if re.fullmatch(r"[a-z_]+(\.NAME)?\.[a-zA-Z_]+", p) and p.rpartition(".")[2] not in FILE_ENDS
+    ]
     assert len(keys) > 50
     for table, _, key in (k.rpartition(".") for k in keys):
         assert key in declared(table), f"{table}.{key}"

@@ -12,14 +12,17 @@ from xml.etree import ElementTree
 
 import pytest
 
+from flashtemp.cli.commands import app
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.verdict import KINDS
+from flashtemp.model.schema import declared
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     p for p in ROOT.rglob("*.md") if not {".venv", "build", "made", "results"} & set(p.relative_to(ROOT).parts)
 )
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+FILE_ENDS = {"toml", "json", "nc", "csv", "py", "vtkhdf"}
 
 
 def slug(heading: str) -> str:
@@ -110,6 +113,23 @@ def test_guide_says_what_to_do_with_every_kind_of_verdict():
     guide = (ROOT / "docs" / "how_to" / "discovery_guide.md").read_text(encoding="utf-8")
     rows = guide.partition("## What to do next")[2].partition("\n## ")[0]
     assert set(re.findall(r"^\| `(\w+)`", rows, re.MULTILINE)) == set(KINDS)
+
+
+def test_glossary_is_sorted_and_names_keys_and_commands_that_exist():
+    text = (ROOT / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (?!term|-)([^|]+) \| ([^|]*) ?\| ([^|]+) \| (.+) \|$", text, re.MULTILINE)
+    terms = [row[0].lower() for row in rows]
+    assert len(terms) >= 80
+    assert terms == sorted(set(terms))
+    places = re.findall(r"`([^`]+)`", " ".join(row[3] for row in rows))
+    keys = [
+        p for p in places if re.fullmatch(r"[a-z_]+(\.NAME)?\.[a-zA-Z_]+", p) and p.rpartition(".")[2] not in FILE_ENDS
+    ]
+    assert len(keys) > 50
+    for table, _, key in (k.rpartition(".") for k in keys):
+        assert key in declared(table), f"{table}.{key}"
+    for command in {p.split()[1] for p in places if p.startswith("flashtemp ")}:
+        assert command in app, command
 
 
 @pytest.mark.parametrize("book", sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")), ids=lambda p: p.stem)

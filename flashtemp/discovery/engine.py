@@ -49,14 +49,7 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
-from flashtemp.discovery.selection.forward_selection import (
-    Search,
-    names_of,
-    reconsider,
-    select,
-    settle,
-    with_candidates,
-)
+from flashtemp.discovery.selection.forward_selection import Search, names_of, select, settle, with_candidates
 from flashtemp.discovery.selection.scores import separability
 from flashtemp.discovery.verdict import Cause, Estimate, Fitness, Found, Held, InputResult, RuleResult, Verdict
 from flashtemp.errors import SolverFailure
@@ -95,8 +88,6 @@ def discover(
         search = replace(select(problem, data, base, watch), recording_errors=errors)
         watch("judging")
         verdict = judge(search, watch)
-        if verdict.kind == "unexplained" and (other := reconsider(search, watch)) is not None:
-            search, verdict = other, judge(other, watch)
         if verdict.kind == "unexplained":
             verdict, search = with_law(verdict, search, watch)
     return replace(verdict, seconds=time.monotonic() - began), search

@@ -77,55 +77,19 @@ def settle(h: Hypothesis, first: Linearisation, watch: Watch) -> Fit:
 
 def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
     """Extend a calibrated base as long as the evidence asks for it.  Raises SolverFailure."""
-    return _extend(Search(problem, data, base, base, {frozenset(): base}), watch)
-
-
-def reconsider(search: Search, watch: Watch) -> Search | None:
-    """A search that left misfit, with likely candidates fitted that scores had put aside; None if none is better.
-
-    A score is linear at zero strength: where pressure lifts off an edge, it may rank a wrong effect far above the right
-    one.  Those fitted here begin at the calibrated base; the best of them is extended as any other.
-    Raises SolverFailure.
-    """
-    known = search.fits.keys() | search.unfitted.keys() | search.vanished
-    likely = [s for s in search.ranking[0] if s.ln_bayes > CRITERIA.ln_bayes_hint]
-    aside = [s for s in likely if frozenset({s.effect}) not in known][: int(CRITERIA.shortlist)]
-    if not aside:
-        return None
-    before = replace(search, best=search.base, ranking=search.ranking[:1])
-    found = _fit_groups(before, [(s.candidate,) for s in aside], watch)
-    alone = {names: f for names, f in found.fits.items() if names not in search.fits and f.usable}
-    best = max(alone.values(), key=lambda f: f.secured, default=None)
-    if best is None or _net_evidence(best) <= _net_evidence(search.best):
-        return None
-    return _extend(_accept(found, best, search.ranking[0], watch), watch)
-
-
-def _net_evidence(fit: Fit) -> float:
-    """ln evidence less what each effect of a model has to gain."""
-    return fit.secured - CRITERIA.ln_bayes_named * len(names_of(fit))
-
-
-def _extend(search: Search, watch: Watch) -> Search:
-    """Further causes as long as the evidence asks for them."""
-    problem = search.problem
-    for _ in range(int(CRITERIA.max_causes) - len(names_of(search.best))):
+    search = Search(problem, data, base, base, {frozenset(): base})
+    for _ in range(int(CRITERIA.max_causes)):
         ranked = scores(problem, search.best, problem.candidates)
         search = _fit_shortlist(replace(search, ranking=(*search.ranking, ranked)), ranked, watch)
         found = _worth_its_parameters(search)
         if found is None:
             return search
-        search = _accept(search, found, ranked, watch)
+        more = worth_another_look(problem, search.best, found, ranked)
+        watch(f"candidates beside {' and '.join(sorted(names_of(found)))}")
+        best = with_candidates(problem, data, found, more, watch)
+        search = replace(search, best=best, fits=search.fits | {names_of(best): best})
     last = scores(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
-
-
-def _accept(search: Search, found: Fit, ranked: Sequence[Score], watch: Watch) -> Search:
-    """The search with an extended fit as its best, and with sensitivities of candidates that may matter beside it."""
-    more = worth_another_look(search.problem, search.best, found, ranked)
-    watch(f"candidates beside {' and '.join(sorted(names_of(found)))}")
-    best = with_candidates(search.problem, search.data, found, more, watch)
-    return replace(search, best=best, fits=search.fits | {names_of(best): best})
 
 
 def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Search:
@@ -133,11 +97,6 @@ def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Sea
     groups: list[tuple[Candidate, ...]] = [(s.candidate,) for s in shortlist(ranked)]
     if not names_of(search.best):
         groups += [tuple(s.candidate for s in p.scores) for p in _pairs(search, ranked)]
-    return _fit_groups(search, groups, watch)
-
-
-def _fit_groups(search: Search, groups: Sequence[tuple[Candidate, ...]], watch: Watch) -> Search:
-    """The search with full fits of groups of candidates beside its best fit."""
     if not groups:
         return search
     wanted = {frozenset({*names_of(search.best), *(c.effect for c in g)}): g for g in groups}

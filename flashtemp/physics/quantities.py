@@ -42,7 +42,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             "contact.pressure", "1", "1", "local over mean pressure of a new block; brought back to mean 1", PLACE,
         ),
-        Quantity("contact.flat_face", "1", "0", "1: a new face is flat, 0: its profile gives `contact.pressure`"),
+        Quantity("contact.flat_face", "1", "0", "share of a flat face; a profile gives the rest of `contact.pressure`"),
         Quantity("contact.shear_traction", "1", "0", "share of the friction that shears the elastic block"),
         Quantity(
             "block.abrasion", "1", "0", "m worn per m slid",

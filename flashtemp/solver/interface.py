@@ -105,8 +105,9 @@ class Interface:
             return self._press_on_springs(
                 now, worn, T, road, kf
             )  # nothing moves it: the prescribed pressure, to the bit
-        # a new block whose pressure is prescribed has the profile that gives it on a flat road
-        gap = worn - (1.0 - flat) * bed.displace_face(now.pressure * self._pressed(now))
+        # the profile of a new block gives what is prescribed beyond the share of a flat face: a pressure of another
+        # shape acts beside `face_shape` too, and discovery can look for one
+        gap = worn - bed.displace_face(now.pressure * (self._pressed(now) - flat))
         if b.expansion:
             gap = gap - b.swelling(T)
         hardness = b.relative_modulus(T)

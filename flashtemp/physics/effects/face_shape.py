@@ -20,7 +20,10 @@ from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
 
 
 class FaceShape(Effect):
-    """The pressure that elasticity gives to a face of a known shape, in place of one that is prescribed."""
+    """The pressure that elasticity gives to a face of a known shape, in place of an even one.
+
+    What other effects prescribe beyond an even pressure, such as `edge_pressure`, is added to it.
+    """
 
     cause = "the face of the block has a shape of its own, and elasticity presses it accordingly"
     source = "elastic block bonded to its holder, theory 7.1"
@@ -30,7 +33,7 @@ class FaceShape(Effect):
     candidate = True
     steady = True
 
-    strength = Param(1.0, "1", "0: the prescribed pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)
+    strength = Param(1.0, "1", "0: an even pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)
     edge_radius = Param(0.0, "m", "radius of the rounded leading and trailing edges", low=0.0, high=0.1)
     chamfer = Param(0.0, "m", "depth and length of a chamfer of 45 degrees at both edges", low=0.0, high=0.1)
     profile = Param(

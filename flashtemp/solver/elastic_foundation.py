@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.laws import STEP
@@ -38,7 +39,14 @@ PRESSURE_RTOL = 1e-12  # share of the load that a step of Newton's method may st
 SLOW = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
 MOST_STEPS = 200
 SET_STEPS = 20  # steps with changes of the set, after which the least index alone changes
+FIRST_TILT_STEP = 1e-3  # of the tilt, with which its bracket begins
+SNAP_TILT_FRACTION = 0.01  # of the tilt: where the next balance is farther, the holder does not get there steadily
+TILT_JUMP_RTOL = 10.0  # times `rtol`, of load times length: more is left where the moments jump over their balance
 TIPPED = "the friction moment tips the block over its edge: no pressure carries it"
+SNAPS = (
+    "the holder snaps over: friction falls with the spots' heat faster than the holder resists, and no tilt nearby "
+    "balances the moments; stiffen the holder or lower its pivot"
+)
 UNSOLVED = "no contact pressure of the elastic block was found"
 
 
@@ -155,7 +163,26 @@ class ElasticFoundation:
 
         `friction` is asked where it shears or tips the block, else None.  `start` is an answer nearby.  The answer's
         pressure is one at which friction was asked last.  Raises SolverFailure when the block tips over.
+
+        Where Newton's method fails under a holder that resists, its tilt is bracketed.
         """
+        try:
+            return self._settle_by_newton(gap, mean, holder, friction, start, hardness)
+        except SolverFailure:
+            if friction is None or holder.guided or holder.resistance == 0.0:
+                raise
+            return self._settle_by_bracketing(gap, mean, holder, friction, start, hardness)
+
+    def _settle_by_newton(
+        self,
+        gap: Array,
+        mean: float,
+        holder: Holder,
+        friction: Friction | None,
+        start: ContactSolution | None,
+        hardness: float,
+    ) -> ContactSolution:
+        """The answer of `settle` by the primal-dual active set method."""
         n, g = len(self.x), hardness * self.stiffness * gap
         if start is None:
             on = np.ones(n, dtype=np.bool_)
@@ -166,7 +193,8 @@ class ElasticFoundation:
         last, changes, fresh = np.inf, 0, friction is None
         for _ in range(MOST_STEPS):
             p = np.where(J.touching, p, 0.0)
-            mu = None if friction is None else friction(p)
+            # a trial may pull on columns; friction heat below zero has no consistent temperature where mu falls with it
+            mu = None if friction is None else friction(np.maximum(p, 0.0))
             step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())
             if not np.isfinite(size):
@@ -181,7 +209,8 @@ class ElasticFoundation:
                     )
                 if friction is not None and size > SLOW * last:
                     if not fresh:
-                        J, fresh = self._build_jacobian(J.touching, self._traction_slopes(p, friction), holder), True
+                        slopes = self._traction_slopes(np.maximum(p, 0.0), friction)
+                        J, fresh = self._build_jacobian(J.touching, slopes, holder), True
                         continue  # the same point once more, with its own slopes
                     fresh = False
                 last = size
@@ -196,6 +225,51 @@ class ElasticFoundation:
                 J, last = self._build_jacobian(on, J.slopes, holder), np.inf
             p, c, t = moved
         raise SolverFailure(f"{UNSOLVED} in {MOST_STEPS} steps")
+
+    def _settle_by_bracketing(
+        self,
+        gap: Array,
+        mean: float,
+        holder: Holder,
+        friction: Friction,
+        start: ContactSolution | None,
+        hardness: float,
+    ) -> ContactSolution:
+        """The answer of `settle` whose tilt is next to that of `start`, to the side to which the moments push.
+
+        Moments at a given tilt are continuous in it, and a holder that resists wins at a large one: Brent's method
+        (1973, Algorithms for Minimization without Derivatives, chapter 4) finds their balance wherever Newton's cycles
+        or has left a branch that ended, where the holder snaps over.
+        """
+        fixed, last = Holder(holder.shear), start
+        first = 0.0 if start is None else start.tilt
+
+        def unbalance(t: float) -> float:
+            nonlocal last
+            tilted = gap - t * self._xi / (hardness * self.stiffness)
+            last = self._settle_by_newton(tilted, mean, fixed, friction, last, hardness)
+            levers = 0.5 * self.length * self._xi - holder.arm * friction(last.pressure)
+            return float(self._moment_balance(holder, t / hardness, levers * last.pressure))
+
+        at, left = first, unbalance(first)
+        step = -np.sign(left) * max(FIRST_TILT_STEP * abs(first), mean)
+        for _ in range(MOST_STEPS):
+            beyond = unbalance(at + step)
+            if beyond * left <= 0.0:
+                break
+            at, step = at + step, 2.0 * step
+            if start is not None and abs(step) > SNAP_TILT_FRACTION * abs(first):
+                raise SolverFailure(SNAPS)
+        else:
+            raise SolverFailure(TIPPED)
+        tilt = brentq(unbalance, *sorted((at, at + step)), xtol=self.rtol * mean, rtol=self.rtol)
+        if abs(unbalance(tilt)) > TILT_JUMP_RTOL * self.rtol * mean:
+            raise SolverFailure(UNSOLVED)
+        assert last is not None
+        p = last.pressure
+        J = self._build_jacobian(last.jacobian.touching, self._traction_slopes(p, friction), holder)
+        mu = friction(p)  # asked last at the answer, without the step of the slopes
+        return ContactSolution(p, last.approach, self._balanced_tilt(holder, p, mu, tilt, hardness), J, hardness)
 
     def derive_solution(
         self, settled: ContactSolution, gap: Array, mean: float, friction: Friction | None, hardness: Any

@@ -61,7 +61,7 @@ def draw(runs: list[dict]):
             marker="x",
             color=theme.AMBIENT,
             ms=5,
-            label="tips over, worn through, or not solved",
+            label="snaps over, or worn through",
         ),
         mpl.patches.Patch(fill=False, ec="black", label="cases/run_in"),
     ]

@@ -253,3 +253,35 @@ def compare_pressure(height, **acting):
     ours, reference = (np.add.reduceat(WIDTH * p, cut[:-1]) / np.diff(joint) / MEAN for p in (pressure, expected))
     inner = (joint[:-1] > 0.01 * L) & (joint[1:] < 0.99 * L)
     np.testing.assert_allclose(ours[inner], reference[inner], atol=0.02, rtol=0.01)
+
+
+# --- friction that follows the pressure, under a soft holder ------------------------------------------------
+SOFT = Holder(1.0, 0.55 * L, 0.05)  # the moment of friction all but tips it
+
+
+def bed_and_softening(seen=None):
+    """The bed, and a friction that falls with pressure; it adds to `seen` the least pressure it was asked at."""
+    bed = ElasticFoundation(CENTRE, WIDTH, L, E, foundation_stiffness(L, H, E), face_compliance(GRADED, LEVELS, 0.49))
+
+    def friction(p):
+        if seen is not None:
+            seen.append(float(np.real(p).min()))
+        return 0.95 / (1.0 + p / (20.0 * MEAN))
+
+    return bed, friction
+
+
+def test_friction_is_asked_at_pressures_that_a_road_can_give():
+    seen: list[float] = []
+    bed, friction = bed_and_softening(seen)
+    bed.settle(worn_edge(CENTRE), MEAN, SOFT, friction, None)
+    assert min(seen) >= 0.0
+
+
+def test_bracketed_tilt_is_that_of_newtons_method():
+    bed, friction = bed_and_softening()
+    newton = bed._settle_by_newton(worn_edge(CENTRE), MEAN, SOFT, friction, None, 1.0)
+    bracketed = bed._settle_by_bracketing(worn_edge(CENTRE), MEAN, SOFT, friction, None, 1.0)
+    np.testing.assert_allclose(bracketed.pressure, newton.pressure, atol=1e-8 * MEAN)
+    assert bracketed.tilt == pytest.approx(newton.tilt, rel=1e-6)  # of moments that all but cancel
+    np.testing.assert_allclose(bracketed.jacobian.holding, newton.jacobian.holding, rtol=0.1)

@@ -347,6 +347,23 @@ def test_a_holder_too_soft_for_its_moment_is_explained(lab):
         lab.case(effects=["friction_moment"], friction_moment__compliance=float("inf"), friction_moment__arm=0.014)
 
 
+SOFT_HOLDER = {"friction_moment.compliance": 1.0, "numerics.mesh": 0.6, "output.profiles": 4, "schedule.repetitions": 1}
+
+
+def test_a_block_under_a_soft_holder_is_pressed_from_the_start():
+    """While its contact is sought, trials pull on columns."""
+    case = load(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.015, "schedule.distance": 0.02})
+    run = march(case.scene, case.settings)
+    np.testing.assert_allclose(mean(run, run.pressure)[run.sliding], 1.5e5, rtol=1e-10)
+    assert run.pressure.min() >= 0.0
+
+
+def test_a_holder_that_snaps_over_is_explained():
+    case = load(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.04, "wear.rate": 2.5e-10})
+    with pytest.raises(SolverFailure, match="snaps over"):
+        march(case.scene, case.settings)
+
+
 def test_a_block_worn_through_is_a_failure_and_says_when(lab):
     with pytest.raises(SolverFailure, match="worn through.* t = "):
         lab.case(effects=["wear"], wear__rate=1e-7, **SHORT)

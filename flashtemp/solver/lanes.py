@@ -16,9 +16,11 @@ from flashtemp.solver.balance import Balance
 from flashtemp.solver.kernels_contact import alike
 
 SPARSE = 0.01  # lanes hold the heat of at least this share of the mean contact fraction; contact opens there
-TRACE = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
+# TRACE_HEAT_FRACTION at half or double moves the rise by 1e-8 of itself (run-in, spots in proportion to pressure)
+TRACE_HEAT_FRACTION = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
 SMALLEST = 1e-6  # contact fraction that there always is
-LEFT = 0.05  # of the friction heat: less than that which goes into the lanes counts as that much, in doubt
+# LEAST_LANE_HEAT_FRACTION at half or double moves the rise by 2e-8 of itself there; only heat both ways feels it
+LEAST_LANE_HEAT_FRACTION = 0.05  # of the friction heat: what goes into the lanes counts as at least that, in doubt
 
 
 # --- lanes begin and end ---------------------------------------------------------------------------------
@@ -65,7 +67,7 @@ def apart(b: Balance, phi, weights, heat: float) -> Apart:
     parts = [part for W in weights for part in (b.share * W / larger, W + 0.0 * larger)]
     met = weights[0] @ (np.real(phi) > SMALLEST).T
     untouched = ((met == 0.0) & met.any(axis=0)).ravel()
-    return Apart(np.stack(parts, axis=1), TRACE * (1.0 + heat) * phi, untouched)
+    return Apart(np.stack(parts, axis=1), TRACE_HEAT_FRACTION * (1.0 + heat) * phi, untouched)
 
 
 def in_contact(b: Balance, state: Any, T, road, heat) -> Any:
@@ -77,7 +79,7 @@ def in_contact(b: Balance, state: Any, T, road, heat) -> Any:
     told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
     heat = _by_planes(b, heat)
     taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace
-    size = np.sqrt(taken**2 + (LEFT * heat + told.trace) ** 2)
+    size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + told.trace) ** 2)
     summed = _sum_upstream(told.sums, taken), _sum_upstream(told.sums, size)
     lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
     rise, lowered = state.under.seen(T), fallen(b, whole, T, road[0])

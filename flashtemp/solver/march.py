@@ -74,7 +74,7 @@ def march(
             resumed = False
         now.phase += 1
     now.wall = spent + clock.perf_counter() - began
-    return limits.audit(finish(balance, now, title), settings.atol or 10 * settings.rtol)
+    return limits.audit(finish(balance, now, title), absolute_tolerance(settings))
 
 
 def _balance(scene: Scene, settings: Settings) -> Balance:
@@ -141,7 +141,7 @@ def _stretch(system: System, settings, now: Progress, due, resumed: bool, stop: 
             if now.track is not None and phase.sliding:
                 pass_by(system, reached, t, solver.at, now.track)
             now.t, now.y, now.steps = t, y, before + solver.steps
-            limits.check(system, t, system.b.rise(y[: system.b.n]), hottest=settings.hottest)
+            _check(system, t, system.b.rise(y[: system.b.n]), settings)
             if stop():
                 raise KeyboardInterrupt
         solver.close()
@@ -157,7 +157,16 @@ def _keep(system: System, t: float, y, now: Progress, frame: bool, settings: Set
     """Record a state, if its profiles can be."""
     record(system, t, y, now, frame)
     shown = np.concatenate([now.records[name][-1] for name in ("T_block", "T_spot", "T_road", "T_wake")])
-    limits.check(system, t, shown + KELVIN - system.b.scene.ambient, hottest=settings.hottest)
+    _check(system, t, shown + KELVIN - system.b.scene.ambient, settings)
+
+
+def _check(system: System, t: float, T, settings: Settings) -> None:
+    limits.check(system, t, T, hottest=settings.hottest, atol=absolute_tolerance(settings))
+
+
+def absolute_tolerance(settings: Settings) -> float:
+    """Absolute tolerance (K) of the integrator."""
+    return settings.atol or 10 * settings.rtol
 
 
 def _tolerance(system: System, settings: Settings) -> Tolerance:
@@ -165,7 +174,7 @@ def _tolerance(system: System, settings: Settings) -> Tolerance:
     phase = system.phase
     pace = float(system.b.laws("march.rate", 0.0, None, system.moment(phase.begin)))
     longest = 1.0 / pace if phase.sliding and pace > 0 else 0.0  # 0: as long as the phase
-    return Tolerance(settings.rtol, settings.atol or 10 * settings.rtol, settings.order, longest)
+    return Tolerance(settings.rtol, absolute_tolerance(settings), settings.order, longest)
 
 
 def _tell(system: System, now: Progress, fault: Exception) -> None:

@@ -104,12 +104,12 @@ def coldness(case) -> tuple[object, float]:
     """The run of a case, and by how many K any temperature fell below everything that cools, more than is allowed."""
     worst = [-math.inf]
 
-    def watch(system, t, T, *, hottest):
+    def watch(system, t, T, **bounds):
         low, high = float(T.min()), float(T.max())
         if low < 0.0:
             below = system.coldest(t) - low
             worst[0] = max(worst[0], below - COLD[0] - COLD[1] * max(high, 0.0))
-        return checked(system, t, T, hottest=hottest)
+        return checked(system, t, T, **bounds)
 
     checked = limits.check
     with mock.patch.object(limits, "check", watch):

@@ -37,7 +37,7 @@ Array = npt.NDArray[Any]
 Friction = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
 
 PRESSURE_RTOL = 1e-12  # share of the load that a step of Newton's method may still move
-# at half or double: flux evaluations 1048 to 1023 and 1043, CPU unchanged, error in time 5.7e-4 to 4.5e-4 and 8.7e-4 (cases/run_in)
+# at half or double: flux evaluations 1048 to 1023 and 1043, CPU unchanged, error in time 5.7e-4 to 4.5e-4 and 8.7e-4
 RENEWAL_STEP_RATIO = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
 MOST_STEPS = 200
 # at half, double or without bound friction and CPU of two soft holders stay: kept as the bound that makes it finite

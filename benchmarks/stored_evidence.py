@@ -84,11 +84,13 @@ class StoredPair:
 @dataclass(frozen=True)
 class StoredSetup:
     """Errors of the set-up before any is judged: reduced systems with the model's own error as found and `largest`, and
-    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on."""
+    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on; of
+    inputs and sizes what a unit `changes` {error: largest fraction of the rise of a recording}."""
 
     system: Reduced | None
     largest: Reduced | None
     rise_squares: dict[ParameterId, float]
+    changes: dict[ParameterId, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -299,12 +301,14 @@ def _store_setup(search: Search, fit: Fit, system: System, inputs: Any) -> Store
     problem = search.problem
     floors = (None, LARGEST_DISCREPANCY)
     found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in floors)
-    squares = {}
+    squares, changes = {}, {}
     for p in () if found is None else found.names:
         if p.kind in PLACED:
-            share = setup_module._visible_fraction(search.data, fit, p, 1.0)
+            share = setup_module._visible_fraction(search.data, fit, system, p, 1.0, 1.0)
             squares[p] = 2.0 / share**2
-    return StoredSetup(found, largest, squares)
+        else:
+            changes[p] = setup_module._visible_fraction(search.data, fit, system, p, 1.0, 1.0)
+    return StoredSetup(found, largest, squares, changes)
 
 
 # --- files ------------------------------------------------------------------------------------------------------

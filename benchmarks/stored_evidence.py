@@ -21,7 +21,6 @@ from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
 from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, refit_all_data
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.diagnostics.effect_size import largest_change
 from flashtemp.discovery.diagnostics.setup_errors import Reduced
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import System
@@ -258,7 +257,7 @@ def store_fit(search: Search, fit: Fit, with_inputs: System, inputs: Any) -> Sto
     problem = search.problem
     free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
     base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
-    change = largest_change(search.data, base.seeings, own.seeings, base.pullings, own.pullings)
+    change = engine.size_of_change(search, base, own)
     blocks = [b.joined(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
     every = refit_all_data(fit)
     pairs = (f.system.left(f.solution) for f in (fit, every))

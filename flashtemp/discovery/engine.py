@@ -25,7 +25,12 @@ from flashtemp.discovery.diagnostics.cross_validation import (
     rms_change_error,
     without_flexible_terms,
 )
-from flashtemp.discovery.diagnostics.effect_size import LargestChange, change_per_unit, largest_change
+from flashtemp.discovery.diagnostics.effect_size import (
+    LargestChange,
+    camera_fraction,
+    change_per_unit,
+    largest_change,
+)
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
 from flashtemp.discovery.diagnostics.input_checks import FIXED_SHARE, InputCheck, check_inputs, groups_of_inputs
 from flashtemp.discovery.diagnostics.input_columns import add_input_columns, merge_columns
@@ -195,9 +200,7 @@ def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Ver
     final = hint or search.best
     base = assess_model(search, search.base)
     extended = assess_model(search, final) if names_of(final) else base
-    change = None
-    if names_of(final):
-        change = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
+    change = size_of_change(search, base, extended) if names_of(final) else None
     inputs = question_inputs(search, final, watch)
     setup = setup_errors(problem, search.data, final, inputs.system, [c.input for c in inputs.checks], CRITERIA)
     evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
@@ -206,6 +209,13 @@ def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Ver
         left = max(after, 0.0) / max(before, 1e-300) if before > 0.0 else 1.0
         evidence = replace(evidence, learned_law=law.law.description, law_excess_left=left)
     return describe(search, final, base, extended, change, setup, inputs, decide(evidence))
+
+
+def size_of_change(search: Search, base: ModelAssessment, extended: ModelAssessment) -> LargestChange:
+    """What the extended model changes of the recordings."""
+    found = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
+    own = camera_fraction(search.data, search.base, extended.fit, search.problem.candidates)
+    return replace(found, size=replace(found.size, camera_fraction=own))
 
 
 def best_hint(search: Search) -> Fit | None:

@@ -11,8 +11,10 @@ from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.estimation.linear_gaussian import System
+from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS
 from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.hypotheses.candidates import Candidate
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Prediction
 
@@ -34,6 +36,20 @@ def largest_change(
     file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
     friction = max((_friction_change(b, e) for b, e in zip(pulled, pulled_after, strict=True)), default=0.0)
     return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
+
+
+def camera_fraction(data: Data, base: Fit, extended: Fit, candidates: Sequence[Candidate]) -> float:
+    """The largest fraction of the rise of a recording that effects of an extended model change by themselves, if all of
+    them act in the camera alone; else 0.  `base` has sensitivities of all `candidates`."""
+    own = [c for c in candidates if c.effect in extended.model.effects]
+    if not all(c.optical for c in own):
+        return 0.0
+    changes = (
+        abs(extended.model.effects[c.effect][k] - c.off()[k])
+        * change_per_unit(data, base.predictions, base.system, c.column(k))
+        for c in own for k in c.strengths
+    )  # fmt: skip
+    return max(changes, default=0.0)
 
 
 def _mesh_error(data: Data, file: str) -> float:

@@ -30,7 +30,7 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.decision import AdequacyTest, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy_module
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
 from flashtemp.discovery.selection import forward_selection
 
 Names = frozenset[str]
@@ -167,7 +167,9 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
     def reduced(problem: Any, fit: StoredFit, system: Any, known: Any, floor: float | None) -> Any:
         return fit.setup.system if floor is None else fit.setup.largest
 
-    def visible_fraction(data: Any, fit: StoredFit, p: ParameterId, gain: float) -> float:
+    def visible_fraction(data: Any, fit: StoredFit, system: Any, p: ParameterId, value: float, gain: float) -> float:
+        if p.kind not in PLACED:  # evidence that was stored before holds nothing of it
+            return abs(value) * fit.setup.changes.get(p, np.inf)
         return float(np.sqrt(2.0 * gain / fit.setup.rise_squares[p]))
 
     with ExitStack() as stack:

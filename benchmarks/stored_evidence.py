@@ -21,7 +21,6 @@ from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
 from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, refit_all_data
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.diagnostics.effect_size import largest_change
 from flashtemp.discovery.diagnostics.setup_errors import Reduced
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import System
@@ -84,11 +83,13 @@ class StoredPair:
 @dataclass(frozen=True)
 class StoredSetup:
     """Errors of the set-up before any is judged: reduced systems with the model's own error as found and `largest`, and
-    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on."""
+    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on; of
+    inputs and sizes what a unit `changes` {error: largest fraction of the rise of a recording}."""
 
     system: Reduced | None
     largest: Reduced | None
     rise_squares: dict[ParameterId, float]
+    changes: dict[ParameterId, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -256,7 +257,7 @@ def store_fit(search: Search, fit: Fit, with_inputs: System, inputs: Any) -> Sto
     problem = search.problem
     free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
     base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
-    change = largest_change(search.data, base.seeings, own.seeings, base.pullings, own.pullings)
+    change = engine.size_of_change(search, base, own)
     blocks = [b.joined(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
     every = refit_all_data(fit)
     pairs = (f.system.left(f.solution) for f in (fit, every))
@@ -299,12 +300,14 @@ def _store_setup(search: Search, fit: Fit, system: System, inputs: Any) -> Store
     problem = search.problem
     floors = (None, LARGEST_DISCREPANCY)
     found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in floors)
-    squares = {}
+    squares, changes = {}, {}
     for p in () if found is None else found.names:
         if p.kind in PLACED:
-            share = setup_module._visible_fraction(search.data, fit, p, 1.0)
+            share = setup_module._visible_fraction(search.data, fit, system, p, 1.0, 1.0)
             squares[p] = 2.0 / share**2
-    return StoredSetup(found, largest, squares)
+        else:
+            changes[p] = setup_module._visible_fraction(search.data, fit, system, p, 1.0, 1.0)
+    return StoredSetup(found, largest, squares, changes)
 
 
 # --- files ------------------------------------------------------------------------------------------------------

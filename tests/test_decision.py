@@ -1,12 +1,16 @@
 """The verdict follows from evidence by one function: every kind, and comparisons that noise alone must not decide."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flashtemp.discovery.criteria import CRITERIA, Criteria, table
 from flashtemp.discovery.decision import AdequacyTest, Alternative, EffectSize, Evidence, decide
+from flashtemp.discovery.diagnostics.effect_size import camera_fraction
+from flashtemp.discovery.hypotheses.candidates import Candidate
+from flashtemp.physics.effect import find
 
 SEEN = EffectSize(rise_fraction=0.045, change_K=0.1, mesh_error_K=0.002)
 QUIET = (AdequacyTest("noise left over", 0.9, 1.0),)
@@ -41,6 +45,8 @@ def test_nothing_missing_is_an_answer():
         ({"heldout_gain": -5.0}, "weak"),
         ({"size": EffectSize(5e-4, change_K=0.01)}, "none_needed"),
         ({"size": EffectSize(4e-3, change_K=0.001, mesh_error_K=0.01)}, "weak"),
+        ({"size": EffectSize(8e-4, change_K=0.01, mesh_error_K=0.1, camera_fraction=0.03)}, "named"),
+        ({"size": EffectSize(8e-4, change_K=0.01, camera_fraction=8e-4)}, "none_needed"),
         ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 2.0),)}, "group"),
         ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 20.0),)}, "named"),
         ({"is_hint": True, "ln_bayes": 6.0, "ln_bayes_discrepancy": 6.0}, "weak"),
@@ -75,6 +81,32 @@ def test_members_of_a_group_are_the_accepted_and_the_other():
     found = decide(replace(CAUSE, causes=("pressure_tilt", "wear"), ln_bayes=90.0, alternatives=(other,)))
     assert found.kind == "group"
     assert set(found.group) == {"pressure_tilt", "edge_pressure"}
+
+
+def _candidate(name, strength, optical):
+    return Candidate(name, find(name).params(), {strength: 1.0}, {}, optical)
+
+
+def test_an_error_of_the_camera_is_as_large_as_what_it_shows_however_well_others_imitate_it():
+    """A camera reads 1 K too high where pixels are 0 and 10 K warm; calibrated again hardly anything is left of it."""
+    offset, tilt = _candidate("camera_offset", "offset", True), _candidate("pressure_tilt", "a", False)
+    warm = np.array([[[20.0, 30.0]], [[20.0, 30.0]]])  # frames, rows, columns
+    names = ((offset.column("offset"), 0), (tilt.column("a"), 0))
+    block = SimpleNamespace(label="a", names=names, C=np.full((4, 1), 20.0))  # 1 K in units of the noise
+    data = SimpleNamespace(
+        known={"a": np.ones((2, 2), bool)}, sigmas={}, kelvin=lambda label, c: 0.05 * c.reshape(2, 2)
+    )
+    seen = SimpleNamespace(observables={"a": SimpleNamespace(values=warm, inside=np.ones((1, 2), bool))})
+    base = SimpleNamespace(predictions=[seen], system=SimpleNamespace(blocks=[block]))
+
+    def fraction(**effects):
+        extended = SimpleNamespace(model=SimpleNamespace(effects=effects))
+        return camera_fraction(data, base, extended, (offset, tilt))
+
+    assert fraction(camera_offset={"offset": 1.0}) == pytest.approx(1.0 / np.sqrt(50.0))
+    assert fraction(camera_offset={"offset": -0.01}) < CRITERIA.visible_fraction * 2.0
+    assert fraction(pressure_tilt={"a": 1.0}) == 0.0
+    assert fraction(camera_offset={"offset": 1.0}, pressure_tilt={"a": 1.0}) == 0.0
 
 
 def test_left_out_data_speak_against_a_true_cause_once_in_forty_times_at_most():

@@ -799,6 +799,10 @@ def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cann
         ("named", {}, "The model lacks one effect: the nominal contact pressure peaks", "95 % interval 1.62 to 1.82"),
         ("named", {"causes": (CAUSE, replace(CAUSE, effect="wear"))}, "The model lacks 2 effects: ", "(wear)"),
         ("named", {"causes": (SETUP,)}, "The set-up differs from what is stated: the pixel scale", "(1.2 % +- 0.1 %)"),
+        ("named", {"causes": (replace(CAUSE, effect="camera_offset", words="the camera's zero is off"),)},
+         "No effect on heat is missing from the model, but the measurement has an error: the camera's zero is off "
+         "(camera_offset).", "95 % interval 1.62 to 1.82"),
+        ("named", {"causes": (CAUSE, replace(CAUSE, effect="camera_offset"))}, "The model lacks 2 effects: ", "offset"),
         ("named", {"causes": (SETUP, CAUSE)}, "The model lacks one effect: ", "The set-up differs from what is stated"),
         ("weak", {"not_named": ("the mesh may err by 3 mK",)}, "A missing effect is likely, but not established",
          "Not more certain because: the mesh may err by 3 mK."),

@@ -28,6 +28,7 @@ from flashtemp.discovery.estimation.linear_gaussian import System, residual
 from flashtemp.discovery.estimation.linearised_fit import Status
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, UNSURE, nuisance_priors
+from flashtemp.discovery.estimation.trust_region import Quadratic
 from flashtemp.discovery.hypotheses.candidates import Model
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
@@ -193,6 +194,18 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
     assert abs(found.model.placed(p) - best.placed(p)) < 0.001
     assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NOISE_GAIN)
+
+
+def test_images_that_promise_next_to_nothing_are_not_predicted_again():
+    """What they promise together is less than what no decision turns on; the others step as they would."""
+    files = ("a", "b", "c")
+    names = [ParameterId(kind, file=file) for file in files for kind in (Kind.SHIFT_U, Kind.TURN)]
+    gradient = np.array([3.0, 1.0, 0.1, 0.1, 0.2, 0.3])
+    model = Quadratic(gradient, np.eye(6), np.full(6, -np.inf), np.full(6, np.inf))
+    step = model.best_step()
+    found = image_alignment._of_promising_images(names, model, step)
+    assert found.tolist() == [*step[:2].tolist(), 0.0, 0.0, *step[4:].tolist()]
+    assert model.reduction(step) - model.reduction(found) < image_alignment.NEGLIGIBLE_GAIN
 
 
 def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):

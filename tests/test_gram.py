@@ -201,6 +201,20 @@ def test_residual_is_what_the_columns_leave(blocks):
         np.testing.assert_allclose(residual(b, found), r - A @ found.d, rtol=0, atol=1e-12)
 
 
+def test_products_of_lent_columns_are_those_of_their_data(blocks):
+    """One column is anew and two of another block are lent, in another order; all else is as computed from scratch."""
+    rng, old = np.random.default_rng(3), System(blocks)
+    for b in old.blocks:
+        F_names = tuple((n, c - b.C.shape[1] + 1) for n, c in b.names if c >= b.C.shape[1])
+        new = replace(b, r=rng.normal(size=b.count), C=rng.normal(size=(b.count, 1)), names=((MU, 0), *F_names))
+        found = new.joined(b, lambda p: p != SHIFT)
+        assert "gram" in vars(found)
+        assert SHIFT not in [n for n, _ in found.names]
+        np.testing.assert_allclose(found.gram, replace(found).gram, rtol=1e-12, atol=1e-12)
+        assert "gram" not in vars(new.joined(replace(b, F=b.F.copy()), lambda p: True))  # other data: nothing is lent
+        assert found.with_residual(b.r).gram is found.gram
+
+
 def test_projection_is_of_the_data_with_the_nuisances_marginalised(blocks):
     """u = W' V^-1 (r - N mean), I = W' V^-1 W, with V = 1 + N sd^2 N'."""
     wanted = [PHI, MODE]

@@ -172,6 +172,25 @@ def test_laws_far_behind_the_best_are_not_fitted():
     assert [s.ln_bayes for s in shortlist(weak)] == [30.0, 15.0]
 
 
+def test_laws_that_cannot_reach_the_catalogue_are_not_fitted():
+    """A law must explain more than the catalogue does in the end; its score may err by as much as among laws."""
+    some = [scored(g, ()) for g in (400.0, 170.0, *[0.0] * 30)]
+    assert [s.ln_bayes for s in shortlist(some, 300.0)] == [400.0, 170.0]
+    assert [s.ln_bayes for s in shortlist(some, 900.0)] == [400.0]
+    assert shortlist(some, 1100.0) == []
+    assert [s.ln_bayes for s in shortlist([scored(20.0, ()), *some[2:]], 39.0)] == [20.0]
+
+
+def test_laws_are_simulated_together_as_memory_allows():
+    """Batches are even; where data are many they are as small as they may be."""
+    laws = [SimpleNamespace(nodes=(0.0,) * 5)] * 31
+    per_law = 5 * 4
+    assert law_identification.batch_size(laws, 1000) == 31
+    many = int(law_identification.MAX_BATCH_BYTES / (20 * per_law))
+    assert law_identification.batch_size(laws, many) == 16
+    assert law_identification.batch_size(laws, 10**9) == 6
+
+
 def test_laws_are_compared_by_full_fits_where_there_are_some():
     """The one with the larger score may fit worse; what was never fitted is compared by its score."""
     laws = [SimpleNamespace(name=n, description=n) for n in "abc"]

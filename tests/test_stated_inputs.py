@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,8 +13,11 @@ import pytest
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.twin import Plan, twin
+from flashtemp.discovery import engine
+from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.effect_size import change_per_unit
 from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, groups_of_inputs
-from flashtemp.discovery.diagnostics.input_columns import add_input_columns
+from flashtemp.discovery.diagnostics.input_columns import COARSE_CELLS, add_input_columns
 from flashtemp.discovery.diagnostics.stated_inputs import stated_inputs
 from flashtemp.discovery.estimation.linear_gaussian import System
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS, nuisance_priors
@@ -21,7 +25,7 @@ from flashtemp.discovery.estimation.whitening import Data
 from flashtemp.discovery.hypotheses.candidates import OTHERWISE, PRIORS
 from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW, exemption, input_kind
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
@@ -63,13 +67,17 @@ def checked(made, factor, keys):
     asked = Derivatives(problem.free, scatter=True, modes=2, optics=True, laboratory=True)
     first = problem.predictions(problem.tasks(problem.start, asked))
     first = add_input_columns(problem, problem.start, first, inputs)
-    system = System(Data.begin(problem, first).blocks(first))
+    data = Data.begin(problem, first)
+    system = System(data.blocks(first))
+    changes = partial(change_per_unit, data, first, system)
     known = nuisance_priors(problem, system.names, problem.start)
     out = {}
     for cell, total in ((True, None), (False, system.total(lambda block: not block.label.endswith(".csv")))):
-        checks = {c.input.key: c for c in check_inputs(system, known, total, inputs)}
+        checks = {c.input.key: c for c in check_inputs(system, known, total, inputs, changes)}
         groups = [{i.key for i in g} for g in groups_of_inputs(system, known, total, inputs)]
-        out[cell] = SimpleNamespace(checks=checks, groups=groups)
+        faint = check_inputs(system, known, total, inputs, lambda p: 1e-3 * changes(p))
+        faint = {c.input.key: c for c in faint}
+        out[cell] = SimpleNamespace(checks=checks, groups=groups, changes=changes, faint=faint)
     return out
 
 
@@ -262,7 +270,9 @@ def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_on
 
 
 # --- verdicts -------------------------------------------------------------------------------------------
-KEYS = ("contact.pressure", "friction.mu", "block.length", "block.modulus", "ambient.temperature")
+KEYS = (
+    "contact.pressure", "friction.mu", "block.length", "block.modulus", "block.height", "ambient.temperature",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -291,6 +301,46 @@ def test_an_input_that_does_not_act_cannot_be_checked(wrong_load):
     assert (found.verdict, found.influence) == (InputVerdict.NOT_CHECKABLE, pytest.approx(0.0, abs=0.1))
     assert found.ln_bayes == pytest.approx(0.0, abs=1e-6)
     assert "hardly depend" in found.words
+
+
+def test_an_input_that_would_change_less_than_the_model_may_err_is_not_contradicted(wrong_load):
+    """However many standard errors: friction moves its trace by as much, the height of a block that stays cool nothing."""
+    made = wrong_load[True]
+    assert made.changes(ParameterId.of_input("friction.mu")) == pytest.approx(1.0, abs=0.1)
+    height = made.changes(ParameterId.of_input("block.height"))
+    assert 0.03 * height < CRITERIA.visible_fraction < 0.095 * made.changes(ParameterId.of_input("contact.pressure"))
+    plain, faint = made.checks["contact.pressure"], made.faint["contact.pressure"]
+    assert (plain.verdict, faint.verdict) == (InputVerdict.CONTRADICTED, InputVerdict.NOT_CHECKABLE)
+    assert faint.pull == plain.pull
+    assert "hardly depend" in faint.words
+
+
+@pytest.mark.parametrize(("contradicted", "meshes"), [(("block.height",), [COARSE_CELLS, None]), ((), [COARSE_CELLS])])
+def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(monkeypatch, contradicted, meshes):
+    """A coarse mesh makes up a column of what changes next to nothing; the exact one replaces it, others stay."""
+    height, mu = (ParameterId.of_input(key) for key in ("block.height", "friction.mu"))
+    keys, asked, shown = {"block.height": height, "friction.mu": mu}, [], []
+
+    def add(problem, model, predictions, inputs, cells=COARSE_CELLS):
+        asked.append((tuple(inputs), cells))
+        seen = Observable(
+            np.zeros(2), np.ones(2, bool), {keys[key]: np.full(2, 1.0 if cells else 0.0) for key in inputs}
+        )
+        return [Prediction({"a": seen}, None, {})]
+
+    def question(search, final, inputs, predictions):
+        shown.append(predictions[0].observables["a"].columns)
+        checks = tuple(SimpleNamespace(input=key, is_contradicted=key in contradicted) for key in inputs)
+        return engine.Questioned(checks, (), None)
+
+    for name, answer in (("stated_inputs", lambda problem: tuple(keys)), ("add_input_columns", add)):
+        monkeypatch.setattr(engine, name, answer)
+    monkeypatch.setattr(engine, "_questioned", question)
+    final = SimpleNamespace(model=None, predictions=())
+    engine.question_inputs(SimpleNamespace(problem=None), final, lambda text: None)
+    assert asked == list(zip((tuple(keys), contradicted), meshes, strict=False))
+    assert shown[0][height].tolist() == shown[-1][mu].tolist() == [1.0, 1.0]
+    assert shown[-1][height].tolist() == ([0.0, 0.0] if contradicted else [1.0, 1.0])
 
 
 def test_load_and_friction_are_told_together_where_only_their_product_matters(wrong_load):

@@ -44,53 +44,64 @@ class Light(NamedTuple):
 
 
 @njit(cache=True)
-def _hats(x, pitch: float, sigma: float, step, out):
-    """`hats` one by one: as arrays they would pass through memory twenty times."""
-    slopes = out.shape[0] > 1
+def _ramps(x: float, pitch: float, sigma: float, once, twice):
+    """Integrals of what a pixel weighs, `once` and `twice` (4,), at `x` (m) beyond a node: themselves, and by the
+    place, the size and the width."""
     half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    for side in range(2):
+        at = x + (0.5 - side) * pitch
+        if abs(at) >= SURE * sigma:
+            half[side] = 1.0 if at > 0.0 else 0.0
+            density[side] = 0.0
+        else:
+            half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
+            density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+        integral[side] = at * half[side] + sigma * density[side]
+        ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
+    once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
+    once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, the width, the size
+    once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
+    once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
+    twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
+
+
+@njit(cache=True)
+def _hats(at, nodes, first, start, pitch: float, sigma: float, out):
+    """`hats` of pixels `at` (n,) over `nodes` from number `first` (n,) on, as many as lie between `start` (n + 1,) of a
+    row and of the next, one by one: as arrays they would pass through memory twenty times."""
+    slopes = out.shape[0]
     once, twice, last, before = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
-    for i in range(x.shape[0]):
-        for k in range(x.shape[1]):
-            for side in range(2):
-                at = x[i, k] + (0.5 - side) * pitch
-                if abs(at) >= SURE * sigma:
-                    half[side] = 1.0 if at > 0.0 else 0.0
-                    density[side] = 0.0
-                else:
-                    half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
-                    density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
-                integral[side] = at * half[side] + sigma * density[side]
-                ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
-            once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
-            once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, the width, the size
-            once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
-            once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
-            twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
-            for d in range(4 if slopes else 1):
+    for i in range(at.shape[0]):
+        for k in range(start[i + 1] - start[i]):
+            node, place = first[i] + k, start[i] + k
+            _ramps(at[i] - nodes[node], pitch, sigma, once, twice)
+            for d in range(slopes):
                 if k > 0:
-                    apart = step[i, k - 1]
+                    apart = nodes[node] - nodes[node - 1]
                     later = (before[d] - twice[d] - apart * once[d]) / apart
-                    out[d, i, k - 1] += last[d] - once[d] - later
-                    out[d, i, k] = later
+                    out[d, place - 1] += last[d] - once[d] - later
+                    out[d, place] = later
                 last[d], before[d] = once[d], twice[d]
 
 
-def hats(x: Array, pitch: float, sigma: float, step: Array, slopes: bool = False) -> Array:
-    """Weights (1, n, nodes) of a field that is linear between nodes and zero outside, seen by pixels `x` (n, nodes) m
-    beyond each node, `step` (nodes - 1,) or (n, nodes - 1) m apart; a box of `pitch` convolved with a Gaussian.
+def hats(at: Array, nodes: Array, first: Array, start: Array, axis: Axis, slopes: bool = False) -> Array:
+    """Weights (1, total) of a field that is linear between `nodes` (m) and zero outside, as pixels `at` (n,) m see it:
+    a box of the pitch of `axis` convolved with its Gaussian.
 
-    With `slopes` (4, n, nodes): the weights, and what they change per metre of x, per share that pitch and sigma are
-    larger, and per share that sigma alone is.
+    Each pixel has nodes from number `first` (n,) on; its weights begin at `start` (n + 1,) of all.  With `slopes`
+    (4, total): the weights, and what they change per metre of `at`, per share that pitch and sigma are larger, and per
+    share that sigma alone is.
     """
-    out = np.zeros((4 if slopes else 1, *x.shape))
-    apart = np.broadcast_to(step, (len(x), x.shape[1] - 1)).astype(float)
-    _hats(np.ascontiguousarray(x, float), float(pitch), float(sigma), apart, out)
+    out = np.zeros((4 if slopes else 1, int(start[-1])))
+    _hats(at, nodes, first, start, float(axis.pitch), float(axis.sigma), out)
     return out
 
 
 def weights(axis: Axis, nodes: Array, slopes: bool = False) -> Array:
-    """`hats` (1 or 4, pixels, nodes) of pixels along an axis; exact integrals."""
-    return hats(axis.centres[:, None] - np.asarray(nodes)[None], axis.pitch, axis.sigma, np.diff(nodes), slopes)
+    """`hats` (1 or 4, pixels, nodes) of pixels along an axis over all nodes; exact integrals."""
+    at, nodes = np.ascontiguousarray(axis.centres, float), np.ascontiguousarray(nodes, float)
+    first, start = np.zeros(len(at), np.int64), len(nodes) * np.arange(len(at) + 1)
+    return hats(at, nodes, first, start, axis, slopes).reshape(-1, len(at), len(nodes))
 
 
 def straight(values: Array, nodes: tuple[Array, Array], axes: tuple[Axis, Axis | None], slopes: bool = False) -> Light:
@@ -176,14 +187,13 @@ def _sparse(at: Array, nodes: Array, axis: Axis, begin: Array, stride: int, size
     from scipy.sparse import csr_array
 
     reach = 0.5 * axis.pitch + REACH * axis.sigma
-    flat = at.ravel()
+    flat, nodes = np.ascontiguousarray(at.ravel(), float), np.ascontiguousarray(nodes, float)
     first = np.clip(np.searchsorted(nodes, flat - reach) - 1, 0, len(nodes) - 2)
     last = np.clip(np.searchsorted(nodes, flat + reach) + 1, 2, len(nodes))
-    width = int(np.max(last - first))
-    first = np.minimum(first, len(nodes) - width)
-    which = first[:, None] + np.arange(width)
-    near = nodes[which]
-    made = hats(flat[:, None] - near, axis.pitch, axis.sigma, np.diff(near, axis=1), slopes)
-    column = (begin[:, None] + stride * which).astype(np.int32).ravel()
-    start = (np.arange(len(flat) + 1) * width).astype(np.int32)
-    return [csr_array((w.ravel(), column, start), shape=(len(flat), size)) for w in made]
+    width = last - first  # many nodes where the mesh is fine, few elsewhere
+    start = np.concatenate([[0], np.cumsum(width)])
+    which = np.arange(start[-1]) - np.repeat(start[:-1] - first, width)
+    made = hats(flat, nodes, first, start, axis, slopes)
+    column = (np.repeat(begin, width) + stride * which).astype(np.int32)
+    row = start.astype(np.int32)
+    return [csr_array((w, column, row), shape=(len(flat), size)) for w in made]

@@ -54,7 +54,8 @@ class Criteria:
     )
     # --- size of an effect -----------------------------------------------------------------------------------------
     visible_fraction: float = _number(
-        1e-3, "of the rise", "that a cause must change in some recording, or of the friction in a trace",
+        1e-3, "of the rise", "that a cause must change in some recording, or of the friction in a trace; "
+        "a stated input too, with nothing else moved",
         "error of the discretised model (docs/explanation/verification.md): less is no physics",
     )  # fmt: skip
     hint_fraction: float = _number(

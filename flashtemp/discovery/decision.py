@@ -25,12 +25,18 @@ class Alternative:
 @dataclass(frozen=True)
 class EffectSize:
     """What an extension changes once both models are calibrated: largest fraction of the rise of a recording, of the
-    friction of a trace, and how many kelvin (rms) that is against the error that the mesh may leave there."""
+    friction of a trace, and how many kelvin (rms) that is against the error that the mesh may leave there.
+
+    `camera_fraction` of the rise that errors of a camera alone change by themselves, calibration apart: a camera that
+    reads wrongly is a fact of the test, whatever else the fit could take in its place.  0 for what changes heat, which
+    needs no place in a model where calibration does as well.
+    """
 
     rise_fraction: float
     friction_fraction: float = 0.0
     change_K: float = 0.0
     mesh_error_K: float = 0.0
+    camera_fraction: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -204,7 +210,8 @@ def _rules_of_a_cause(e: Evidence, criteria: Criteria) -> Iterator[Rule]:
             "it can be seen", seen, criteria.visible_fraction, seen >= criteria.visible_fraction,
             f"calibrated again it changes no recording by more than {100 * seen:.2g} % of the rise",
         )  # fmt: skip
-        fine = e.size.change_K >= e.size.mesh_error_K or e.size.friction_fraction >= criteria.visible_fraction
+        apart = max(e.size.friction_fraction, e.size.camera_fraction)  # of what no mesh has a say in
+        fine = e.size.change_K >= e.size.mesh_error_K or apart >= criteria.visible_fraction
         yield Rule(
             "the mesh resolves it", e.size.change_K, e.size.mesh_error_K, fine,
             f"it changes {1e3 * e.size.change_K:.2g} mK rms, the mesh may err by {1e3 * e.size.mesh_error_K:.2g} mK: "
@@ -213,7 +220,7 @@ def _rules_of_a_cause(e: Evidence, criteria: Criteria) -> Iterator[Rule]:
 
 
 def _largest(size: EffectSize) -> float:
-    return max(size.rise_fraction, size.friction_fraction)
+    return max(size.rise_fraction, size.friction_fraction, size.camera_fraction)
 
 
 def _group(e: Evidence, criteria: Criteria, rules: list[Rule]) -> tuple[str, ...]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,18 @@ from flashtemp.discovery.diagnostics.cross_validation import (
     rms_change_error,
     without_flexible_terms,
 )
-from flashtemp.discovery.diagnostics.effect_size import LargestChange, largest_change
+from flashtemp.discovery.diagnostics.effect_size import (
+    LargestChange,
+    camera_fraction,
+    change_per_unit,
+    largest_change,
+)
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
 from flashtemp.discovery.diagnostics.input_checks import FIXED_SHARE, InputCheck, check_inputs, groups_of_inputs
-from flashtemp.discovery.diagnostics.input_columns import add_input_columns
+from flashtemp.discovery.diagnostics.input_columns import add_input_columns, merge_columns
 from flashtemp.discovery.diagnostics.mesh_resolution import lateral_resolution_warnings, unconverged_fit_warnings
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, setup_errors
-from flashtemp.discovery.diagnostics.stated_inputs import stated_inputs
+from flashtemp.discovery.diagnostics.stated_inputs import StatedInput, stated_inputs
 from flashtemp.discovery.estimation.fitting import Hypothesis, Watch
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import System
@@ -194,9 +200,7 @@ def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Ver
     final = hint or search.best
     base = assess_model(search, search.base)
     extended = assess_model(search, final) if names_of(final) else base
-    change = None
-    if names_of(final):
-        change = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
+    change = size_of_change(search, base, extended) if names_of(final) else None
     inputs = question_inputs(search, final, watch)
     setup = setup_errors(problem, search.data, final, inputs.system, [c.input for c in inputs.checks], CRITERIA)
     evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
@@ -205,6 +209,13 @@ def judge(search: Search, watch: Watch, law: IdentifiedLaw | None = None) -> Ver
         left = max(after, 0.0) / max(before, 1e-300) if before > 0.0 else 1.0
         evidence = replace(evidence, learned_law=law.law.description, law_excess_left=left)
     return describe(search, final, base, extended, change, setup, inputs, decide(evidence))
+
+
+def size_of_change(search: Search, base: ModelAssessment, extended: ModelAssessment) -> LargestChange:
+    """What the extended model changes of the recordings."""
+    found = largest_change(search.data, base.seeings, extended.seeings, base.pullings, extended.pullings)
+    own = camera_fraction(search.data, search.base, extended.fit, search.problem.candidates)
+    return replace(found, size=replace(found.size, camera_fraction=own))
 
 
 def best_hint(search: Search) -> Fit | None:
@@ -226,19 +237,34 @@ class Questioned:
 
 
 def question_inputs(search: Search, final: Fit, watch: Watch) -> Questioned:
-    """Every stated number of case and set-up against the data, at the final fit."""
+    """Every stated number of case and set-up against the data, at the final fit.
+
+    Columns of a coarse mesh do for most.  Of what next to nothing depends on they may be made by the mesh alone, so
+    that inputs which data contradict are asked again with columns of the mesh that data are compared with.
+    """
     problem = search.problem
     inputs = stated_inputs(problem)
     watch(f"questioning {len(inputs)} stated inputs")
     bare = [replace(p, observables={k: replace(o, columns={}) for k, o in p.observables.items()})
             for p in final.predictions]  # fmt: skip
     shown = add_input_columns(problem, final.model, bare, inputs)
+    found = _questioned(search, final, inputs, shown)
+    doubtful = [c.input for c in found.checks if c.is_contradicted]
+    if not doubtful:
+        return found
+    exact = add_input_columns(problem, final.model, bare, doubtful, None)
+    return _questioned(search, final, inputs, list(map(merge_columns, exact, shown)))
+
+
+def _questioned(search: Search, final: Fit, inputs: Sequence[StatedInput], shown: Sequence[Prediction]) -> Questioned:
+    """Inputs against the data by predictions at the final fit with their columns."""
     blocks = search.data.blocks(shown)
     blocks = [b.joined(o, lambda p: p.kind is not Kind.EFFECT or p in final.effects)
               for b, o in zip(blocks, final.blocks, strict=True)]  # fmt: skip
     system = System(blocks)
     equations = system.total(variances=final.hyper.variances)
-    checks = check_inputs(system, final.nuisances, equations, inputs)
+    changes = partial(change_per_unit, search.data, final.predictions, system)
+    checks = check_inputs(system, final.nuisances, equations, inputs, changes)
     groups = groups_of_inputs(system, final.nuisances, equations, inputs)
     return Questioned(checks, tuple(tuple(i.key for i in g) for g in groups), system)
 

@@ -33,8 +33,9 @@ from flashtemp.errors import SolverFailure
 
 # Prior standard deviation of a law at its nodes, in units of the typical size of its quantity; evidence chooses one.
 RELATIVE_WIDTHS = (0.1, 0.3, 1.0, 3.0)
-# Laws simulated together: every node keeps a column of all data, and 30 columns take about as much memory as a base.
-MAX_BATCH_LAWS = 6
+# Laws simulated together: each batch simulates the base again, and every node keeps a column of all data.  The fewest,
+# with some 30 columns, take about as much memory as a base.
+MIN_BATCH_LAWS, MAX_BATCH_BYTES = 6, 2.0e8
 # Points of a reported curve, and of the mean of a pressure factor over the block (error below 1e-4): plotting only.
 CURVE_POINTS, AVERAGING_POINTS = 41, 400
 BAND_STANDARD_ERRORS = 1.959964  # half width of a 95 % band of a normal distribution
@@ -145,12 +146,14 @@ def identify_law(search: Search, watch: Watch) -> IdentifiedLaw | None:
         return None
     watch(f"looking for a law: {len(laws)} are scored")
     scored = score_laws(search, laws)
-    fitted = _fit_laws(search, shortlist(scored), watch)
+    known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=search.base.ln_evidence)
+    gain = known - search.base.ln_evidence
+    score = search.ranking[0][0].ln_bayes if search.ranking and search.ranking[0] else 0.0
+    fitted = _fit_laws(search, shortlist(scored, min(gain, score)), watch)
     if not fitted:
         return None
     best = max(fitted, key=lambda f: f.fit.ln_evidence)
-    known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=search.base.ln_evidence)
-    least = max(CRITERIA.ln_bayes_named, known - search.base.ln_evidence) + price_of_choice(laws)
+    least = max(CRITERIA.ln_bayes_named, gain) + price_of_choice(laws)
     if best.fit.ln_evidence - search.base.ln_evidence < least:
         return None
     gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in fitted}
@@ -182,13 +185,21 @@ def laws_of(search: Search) -> Iterator[PiecewiseLinearLaw]:
 def score_laws(search: Search, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
     """All laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
     out: list[ScoredLaw] = []
-    for first in range(0, len(laws), MAX_BATCH_LAWS):
-        batch = {law.name: law for law in laws[first : first + MAX_BATCH_LAWS]}
+    size = batch_size(laws, sum(b.count for b in search.base.blocks))
+    for first in range(0, len(laws), size):
+        batch = {law.name: law for law in laws[first : first + size]}
         problem, _, found = _with_laws(search.problem, search.data, batch)
         fit = _with_sensitivities(problem, search, tuple(found.values()))
         plain = fit.solved(problem, _own_effects(fit), fit.equations).solution.ln_evidence
         out += [_score_law(problem, fit, plain, batch[name], c) for name, c in found.items()]
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
+
+
+def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
+    """Laws that are simulated together where there are so many data: even batches of what memory holds."""
+    bytes_each = max(len(law.nodes) for law in laws) * data * np.dtype(np.float32).itemsize
+    most = max(MIN_BATCH_LAWS, int(MAX_BATCH_BYTES / max(bytes_each, 1)))
+    return -(-len(laws) // -(-len(laws) // most))
 
 
 def _score_law(problem: Problem, fit: Fit, plain: float, law: PiecewiseLinearLaw, c: Candidate) -> ScoredLaw:
@@ -231,12 +242,13 @@ def _solve_within_bounds(
         nodes.remove(max(outside, key=lambda p: abs(found.solution[p])))
 
 
-def shortlist(scored: Sequence[ScoredLaw]) -> list[ScoredLaw]:
-    """Laws that are fitted in full: worth their choice, and not far behind the best; best first."""
+def shortlist(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw]:
+    """Laws that are fitted in full: worth their choice, and not far behind the best of them and of the catalogue, whose
+    ln Bayes factor is `known`: a law must exceed it in the end; best first."""
     likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + price_of_choice(scored)]
     if not likely:
         return []
-    best = likely[0].ln_bayes
+    best = max(likely[0].ln_bayes, known)
     near = min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
     return [s for s in likely if s.ln_bayes > near][: int(CRITERIA.shortlist)]
 
@@ -379,7 +391,7 @@ def _joined(data: Data, predictions: Sequence[Prediction], fit: Fit, own: Sequen
         return p.kind is not Kind.INPUT and (p.kind is not Kind.EFFECT or p.effect in effects)
 
     blocks = [
-        replace(new.joined(old, borrowed), r=old.r)
+        new.joined(old, borrowed).with_residual(old.r)
         for new, old in zip(data.blocks(predictions), fit.blocks, strict=True)
     ]
     return System(blocks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,13 @@ import numpy as np
 from flashtemp.comparison.compare import Pulling, Seeing
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
+from flashtemp.discovery.estimation.linear_gaussian import System
+from flashtemp.discovery.estimation.linearised_fit import Fit
 from flashtemp.discovery.estimation.nuisance_priors import GROUPS
 from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.hypotheses.candidates import Candidate
+from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.prediction.prediction import Prediction
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,20 @@ def largest_change(
     return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
 
 
+def camera_fraction(data: Data, base: Fit, extended: Fit, candidates: Sequence[Candidate]) -> float:
+    """The largest fraction of the rise of a recording that effects of an extended model change by themselves, if all of
+    them act in the camera alone; else 0.  `base` has sensitivities of all `candidates`."""
+    own = [c for c in candidates if c.effect in extended.model.effects]
+    if not all(c.optical for c in own):
+        return 0.0
+    changes = (
+        abs(extended.model.effects[c.effect][k] - c.off()[k])
+        * change_per_unit(data, base.predictions, base.system, c.column(k))
+        for c in own for k in c.strengths
+    )  # fmt: skip
+    return max(changes, default=0.0)
+
+
 def _mesh_error(data: Data, file: str) -> float:
     """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
     one changes is the error, of which they left 1 to 4 % where it was measured (docs: discovery_method)."""
@@ -41,6 +60,21 @@ def _mesh_error(data: Data, file: str) -> float:
     columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
     coarser = [float(np.sqrt(np.mean(data.kelvin(file, c) ** 2))) for c in columns]
     return CRITERIA.mesh_error_left * GROUPS[Kind.MESH] * max(coarser, default=0.0)
+
+
+def change_per_unit(data: Data, predictions: Sequence[Prediction], system: System, p: ParameterId) -> float:
+    """The largest fraction of the rise of a recording (rms), or of the friction of a trace, that one unit of a
+    parameter of a system changes if nothing else moves; `predictions` of all conditions where the system is linear."""
+    shown = {file: o for prediction in predictions for file, o in prediction.observables.items()}
+    found = 0.0
+    for b in system.blocks:
+        for column in (c for q, c in b.names if q == p):
+            known, o = data.known[b.label], shown[b.label]
+            low = 0.0 if b.label in data.sigmas else float(np.nanmin(o.values))
+            values = o.values if b.label in data.sigmas else o.values[:, o.inside] - low
+            change = data.kelvin(b.label, b.C[:, column].astype(float))[known]
+            found = max(found, float(np.sqrt(np.mean(change**2) / np.mean(values[known] ** 2))))
+    return found
 
 
 def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:

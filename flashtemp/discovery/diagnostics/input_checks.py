@@ -8,8 +8,8 @@ uncertainties together: Demortier & Lyons, Everything you always wanted to know 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -38,7 +38,8 @@ class InputCheck:
 
     `shift` is estimate less stated value in prior standard deviations, `pull` the same in standard deviations of both,
     `ln_bayes` of freeing the input with its prior against holding it.  `influence` is what one prior standard deviation
-    changes in all data together, in sigma of their noise, if nothing else moves.
+    changes in all data together, in sigma of their noise, if nothing else moves; `change` what `estimate` does, as the
+    largest fraction of the rise of a recording or of the friction of a trace.
     """
 
     input: StatedInput
@@ -49,6 +50,16 @@ class InputCheck:
     ln_bayes: float
     influence: float
     verdict: InputVerdict
+    change: float = 0.0
+
+    @property
+    def is_contradicted(self) -> bool:
+        return self.verdict is InputVerdict.CONTRADICTED
+
+    @property
+    def is_invisible(self) -> bool:
+        """Whether all that a contradiction would change is less than the model may err."""
+        return abs(self.pull) > CRITERIA.pull_input and self.change < CRITERIA.visible_fraction
 
     @property
     def words(self) -> str:
@@ -58,7 +69,9 @@ class InputCheck:
         known = f"{100 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g} {'K' if i.unit == 'degC' else ''}".strip()
         stated = f"{i.key}: stated {i.value:.4g}{unit}, known to {known} ({i.source})"
         if self.verdict is InputVerdict.NOT_CHECKABLE:
-            why = "they hardly depend on it" if self.influence < 1.0 else "other unknowns act alike"
+            why = (
+                "they hardly depend on it" if self.is_invisible or self.influence < 1.0 else "other unknowns act alike"
+            )
             return f"{stated}; these data cannot check it: {why}"
         found = (
             f"the data want {self.estimate:.4g} +- {self.sd:.2g}{unit}, {abs(self.pull):.1f} standard deviations away"
@@ -67,19 +80,24 @@ class InputCheck:
 
 
 def check_inputs(
-    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
-) -> tuple[InputCheck, ...]:
+    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput],
+    change_per_unit: Callable[[ParameterId], float],
+) -> tuple[InputCheck, ...]:  # fmt: skip
     """Every input freed alone, with its prior, on top of the nuisances of a linearised fit.
 
+    `change_per_unit`: the largest fraction of the rise of a recording that one unit of a column changes.
     A column of the nuisances that is the same number (the length of the block) is taken out of them: against it stands
     the fit with the input held at what is stated.
     """
     total = equations or system.total()
     plain = system.solve(nuisance_priors, total).ln_evidence
-    return tuple(_check(system, nuisance_priors, total, i, plain) for i in inputs)
+    return tuple(_check(system, nuisance_priors, total, i, plain, change_per_unit) for i in inputs)
 
 
-def _check(system: System, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float) -> InputCheck:
+def _check(
+    system: System, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float,
+    change_per_unit: Callable[[ParameterId], float],
+) -> InputCheck:  # fmt: skip
     column = column_of(system, i)
     if column is None:
         return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 0.0, InputVerdict.NOT_CHECKABLE)
@@ -97,9 +115,11 @@ def _check(system: System, nuisances: Priors, total: NormalEquations, i: StatedI
     scale = abs(value) if i.relative else 1.0
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
-    return InputCheck(
+    check = InputCheck(
         i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, influence, _verdict(ratio, pull),
+        abs(change) * change_per_unit(column),
     )  # fmt: skip
+    return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check
 
 
 def _data_alone(posterior: float, sd: float, prior: Prior) -> tuple[float, float]:

@@ -16,18 +16,20 @@ COARSE_CELLS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns di
 
 
 def add_input_columns(
-    problem: Problem, model: Model, predictions: Sequence[Prediction], inputs: Sequence[StatedInput]
-) -> list[Prediction]:
-    """Predictions of all conditions at a point with columns of `inputs` besides their own.
+    problem: Problem, model: Model, predictions: Sequence[Prediction], inputs: Sequence[StatedInput],
+    cells: tuple[float, ...] | None = COARSE_CELLS,
+) -> list[Prediction]:  # fmt: skip
+    """Predictions of all conditions at a point with columns of `inputs` besides their own, on a mesh of so many times
+    the `cells` along, up and down; None: the mesh that data are compared with.
 
     Raises BadInput, SolverFailure.
     """
     asked = Derivatives(inputs=tuple(i.parameter for i in inputs))
-    coarse = problem.predictions(problem.tasks(model, asked, COARSE_CELLS))
-    return [_merge(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
+    coarse = problem.predictions(problem.tasks(model, asked, cells))
+    return [merge_columns(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
 
 
-def _merge(fine: Prediction, coarse: Prediction) -> Prediction:
+def merge_columns(fine: Prediction, coarse: Prediction) -> Prediction:
     """A prediction with the columns of another that it lacks."""
     shown = {file: _with_columns(seen, coarse.observables[file]) for file, seen in fine.observables.items()}
     return replace(fine, observables=shown)

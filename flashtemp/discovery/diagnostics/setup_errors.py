@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flashtemp.discovery.criteria import Criteria
+from flashtemp.discovery.diagnostics.effect_size import change_per_unit
 from flashtemp.discovery.diagnostics.setup_error_words import UNITS, describe_error, error_name
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import Array, System
@@ -101,9 +102,9 @@ def setup_errors(
         value, sd = float(best[1][place]), float(best[2][place])
         certain = gain > criteria.ln_bayes_named and abs(value) > criteria.setup_standard_errors * sd
         p = system.names[k]
-        # images alone are predicted to a thousandth of the rise; length and inputs act on traces of a load cell too
-        seen = _visible_fraction(data, fit, p, gain) if p.kind in PLACED else 1.0
-        if certain and seen > criteria.visible_fraction:
+        # what changes all that is measured by less than the model may err is no finding, whatever absorbs it: the
+        # height of a block through which no heat has come yet
+        if certain and _visible_fraction(data, fit, with_inputs, p, value, gain) > criteria.visible_fraction:
             others = _alternatives(problem, known, system, free, [s for s in alike if k not in s])
             found.append(_error(problem, known, system.names[k], value, sd, gain, others))
     return tuple(sorted(found, key=lambda e: -e.ln_bayes))
@@ -210,8 +211,14 @@ def _error(
     return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
 
 
-def _visible_fraction(data: Data, fit: Fit, p: ParameterId, gain: float) -> float:
-    """What no other unknown can imitate of an error, rms over the recordings that it acts on, over their rise."""
+def _visible_fraction(data: Data, fit: Fit, system: System, p: ParameterId, value: float, gain: float) -> float:
+    """How much of the rise of recordings, or of the friction of a trace, an error changes.
+
+    Of an image what no other unknown can imitate, rms over all that it acts on; of an input and of a size of the block
+    all that it changes where it shows most.
+    """
+    if p.kind not in PLACED:
+        return abs(value) * change_per_unit(data, fit.predictions, system, p)
     shown = {file: o for prediction in fit.predictions for file, o in prediction.observables.items()}
     squares = 0.0
     for b in fit.blocks:

@@ -155,6 +155,9 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
         "unexplained": _unexplained, "none_needed": _none_needed, "no_verdict": _no_verdict,
     }  # fmt: skip
     answer = list(_group(v, known) if v.kind == "group" else answers[v.kind](v))
+    if v.kind == "named" and (own := _effects(v)) and all(_acts_in_camera(c, known) for c in own):
+        lead = "No effect on heat is missing from the model, but the measurement has an error"
+        answer[0] = f"{lead}: {' and '.join(map(_cause, own))}."
     is_setup_in_answer = (v.kind == "named" and not _effects(v)) or (v.kind == "group" and not _is_physical(v, known))
     setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
     return (*answer, *setup, *_contradictions(v), *_gain(v), *_alternative(v), *_shifts(v), *_usual_errors(v))
@@ -163,6 +166,11 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
 def _effects(v: Verdict) -> list[Cause]:
     """Causes that are physics."""
     return [c for c in v.causes if not c.laboratory]
+
+
+def _acts_in_camera(c: Cause, known: Mapping[str, type[Effect]]) -> bool:
+    """Whether a cause changes what a camera shows, and no heat."""
+    return c.effect in known and known[c.effect].heat is Effect.heat
 
 
 # --- the answer of each kind of verdict ------------------------------------------------------------------------

@@ -7,7 +7,7 @@ anew from the same fields: the inner loop of variable projection (Golub and Pere
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +64,9 @@ def align_images(
         if model.reduction(model.best_step()) < NEGLIGIBLE_GAIN:
             break
         scale = step_scale(names)
-        step = region.step(model, scale)
+        step = _of_promising_images(names, model, region.step(model, scale))
+        if not step.any():
+            break
         trial = _seen_again(problem, data, at, moved_images(at.model, dict(zip(names, step.tolist(), strict=True))))
         there = objective(problem, trial, hyper, fixed, every=True)
         ratio = (value - there) / max(model.reduction(step), 1e-300)
@@ -72,6 +74,17 @@ def align_images(
         if ratio > 0.0:
             at, value = trial, there
     return at
+
+
+def _of_promising_images(names: Sequence[ParameterId], model: Quadratic, step: Array) -> Array:
+    """A step without images that promise less than their share of what is negligible: they are not predicted again."""
+    promised = step * (model.gradient - 0.5 * model.hessian @ step)  # adds up to the reduction by the step
+    files = [p.file for p in names]
+    gains = dict.fromkeys(files, 0.0)
+    for file, gain in zip(files, promised.tolist(), strict=True):
+        gains[file] += gain
+    moves = np.array([gains[file] > NEGLIGIBLE_GAIN / len(gains) for file in files], bool)
+    return np.where(moves, step, 0.0)
 
 
 def objective(

@@ -22,6 +22,7 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
 Indices = npt.NDArray[np.int64]
+MAX_KEPT_BYTES = 1e8  # of what eliminated recordings take from products: some sizes of 40 recordings
 ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
 
 
@@ -54,17 +55,40 @@ class Block:
         at = {c: own + i for i, c in enumerate(columns)}
         shared = tuple((n, c if c < own else c + len(columns)) for n, c in self.names)
         names = (*shared, *((n, at[c]) for n, c in lent))
-        return replace(self, C=np.hstack([self.C, other.C[:, columns]]), names=names)
+        out = replace(self, C=np.hstack([self.C, other.C[:, columns]]), names=names)
+        if self.F is other.F and "gram" in vars(other):  # most columns are lent: their products need no data again
+            vars(out)["gram"] = out._gram_with_lent(other.gram, own, [*columns, *range(others, len(other.gram))])
+        return out
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products (k + f, k + f) of all columns, C before F, in double precision."""
+        square, cross = gram_matrices([self.C], [self.F])
+        return np.block([[square, cross.T], [cross, self.FF]])
+
+    def _gram_with_lent(self, known: Array, own: int, columns: list[int]) -> Array:
+        """Products of the first `own` columns with all, and those of the others, which are `columns` of `known`."""
+        square, cross = gram_matrices([self.C[:, :own]], [self.C[:, own:], self.F])
+        return np.block([[square, cross.T], [cross, known[np.ix_(columns, columns)]]])
+
+    def with_residual(self, r: Array) -> Block:
+        """The same columns with another residual."""
+        out = replace(self, r=r)
+        if "gram" in vars(self):
+            vars(out)["gram"] = self.gram
+        return out
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data."""
+    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `eliminated` is what
+    `Evidence` keeps of them."""
 
     matrix: Array
     right: Array
     square: float
     count: int
+    eliminated: dict[bytes, Eliminated] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -150,7 +174,7 @@ class System:
     def shown(self, residuals: Mapping[str, Array]) -> System:
         """The same columns with other residuals, by label."""
         out = copy(self)
-        out.blocks = [replace(b, r=residuals[b.label]) for b in self.blocks]
+        out.blocks = [b.with_residual(residuals[b.label]) for b in self.blocks]
         out.parts = [replace(p, equations=_moved(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
@@ -179,11 +203,9 @@ class System:
         return out
 
     def _products(self, block: Block) -> BlockEquations:
-        k = block.C.shape[1]
-        square, cross = gram_matrices([block.C, block.r], [block.F])
-        G = np.block([[square[:k, :k], cross[:, :k].T], [cross[:, :k], block.FF]])
-        right, col = np.concatenate([square[:k, k], cross[:, k]]), _columns(block)
-        own = NormalEquations(G[np.ix_(col, col)], right[col], float(square[k, k]), block.count)
+        square, cross = gram_matrices([block.r], [block.C, block.F])
+        col = _columns(block)
+        own = NormalEquations(block.gram[np.ix_(col, col)], cross[col, 0], float(square[0, 0]), block.count)
         return BlockEquations(self._at(block), own)
 
     def _at(self, block: Block) -> npt.NDArray[np.int64]:
@@ -256,13 +278,14 @@ class System:
     def evidence(self, priors: Priors, equations: NormalEquations | None = None) -> Evidence:
         """The ln evidence as a function of the standard deviations of the columns that `priors` name."""
         total, names = equations or self.total(), self.known(priors)
-        right, matrix = self._of(names, total)
+        at = np.array([self.index[n] for n in names], dtype=int)
         files = [n.file for n in names]
         groups = [
             np.array([i for i, f in enumerate(files) if f == file]) for file in dict.fromkeys(filter(None, files))
         ]
         shared = np.array([i for i, f in enumerate(files) if not f], dtype=int)
-        return Evidence(right, matrix, total.square, _parts(priors, names)[0], shared, tuple(groups))
+        everything = np.array([i for i, n in enumerate(self.names) if not n.file], dtype=int)
+        return Evidence(total, at, _parts(priors, names)[0], shared, tuple(groups), everything)
 
     def known(self, priors: Priors) -> tuple[ParameterId, ...]:
         """Columns of those named that a block knows."""
@@ -309,30 +332,43 @@ def _numbered(blocks: Iterable[Block]) -> dict[ParameterId, int]:
     return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
 
 
+class Eliminated(NamedTuple):
+    """What the columns of one recording take from products of the columns that recordings share, right-hand side last
+    (s + 1, s + 1), and the ln determinant that they leave."""
+
+    taken: Array
+    ln_det: float
+
+
 @dataclass(frozen=True)
 class Evidence:
     """ln evidence of data for columns of many widths: those of one recording alone (`groups`, indices) are eliminated
-    recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement)."""
+    recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement).
 
-    right: Array
-    matrix: Array
-    square: float
+    `at` (columns,) are their numbers in `total`, whose columns `everything` are shared.  A recording is eliminated from
+    all of them at once: hypotheses that differ in what is shared alone find it done.
+    """
+
+    total: NormalEquations
+    at: Indices
     mean: Array
     shared: Indices
     groups: tuple[Indices, ...]
-    _eliminated: dict[tuple[int, bytes], tuple[Array, float]] = field(default_factory=dict)
+    everything: Indices
 
     def __call__(self, sd: Array) -> float:
         """ln evidence with standard deviations `sd` (columns,); a column of none is left out."""
         s = self.shared[sd[self.shared] > 0.0]
-        wide = np.append(sd[s], 1.0)
+        wide, at = np.append(sd[s], 1.0), self.at[s]
         left = np.zeros((len(s) + 1, len(s) + 1))
-        left[:-1, :-1] = self.matrix[np.ix_(s, s)]
-        left[:-1, -1] = left[-1, :-1] = self.right[s]
-        ln_det, squares = 0.0, self.square
-        for k, group in enumerate(self.groups):
-            predicted_change, more = self._without(k, group, s, sd)
-            left, ln_det = left - predicted_change, ln_det + more
+        left[:-1, :-1] = self.total.matrix[np.ix_(at, at)]
+        left[:-1, -1] = left[-1, :-1] = self.total.right[at]
+        ln_det, squares = 0.0, self.total.square
+        places = np.append(np.searchsorted(self.everything, at), len(self.everything))
+        for group in self.groups:
+            found = self._eliminated(group[sd[group] > 0.0], sd)
+            left -= found.taken[np.ix_(places, places)]
+            ln_det += found.ln_det
         left *= wide[:, None] * wide
         own = np.flatnonzero(sd > 0.0)
         squares += float(np.sum((self.mean[own] / sd[own]) ** 2)) + float(left[-1, -1])
@@ -343,23 +379,21 @@ class Evidence:
         u = cho_solve((lower, True), rhs, check_finite=False)
         return -0.5 * (squares - float(rhs @ u) + ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
 
-    def _without(
-        self, k: int, group: npt.NDArray[np.int64], s: npt.NDArray[np.int64], sd: Array
-    ) -> tuple[Array, float]:
-        """What eliminating the columns of one recording takes from shared products and right-hand side, the last row
-        and column, and the ln determinant that it leaves."""
-        key = k, sd[group].tobytes() + s.tobytes()
-        if key not in self._eliminated:
-            own = group[sd[group] > 0.0]
-            wide = sd[own]
-            A = wide[:, None] * self.matrix[np.ix_(own, own)] * wide
+    def _eliminated(self, own: Indices, sd: Array) -> Eliminated:
+        """The columns `own` of one recording eliminated from all that are shared."""
+        at, wide, mean, kept = self.at[own], sd[own], self.mean[own], self.total.eliminated
+        key = at.tobytes() + wide.tobytes() + mean.tobytes()
+        if key not in kept:
+            A = wide[:, None] * self.total.matrix[np.ix_(at, at)] * wide
             A[np.diag_indices_from(A)] += 1.0
-            cross = np.column_stack([wide[:, None] * self.matrix[np.ix_(own, s)], wide * self.right[own]])
-            cross[:, -1] += self.mean[own] / wide
+            right = wide * self.total.right[at] + mean / wide
+            cross = np.column_stack([wide[:, None] * self.total.matrix[np.ix_(at, self.everything)], right])
             lower = np.linalg.cholesky(A)
             half = solve_triangular(lower, cross, lower=True, check_finite=False)
-            self._eliminated[key] = half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower))))
-        return self._eliminated[key]
+            if len(kept) >= MAX_KEPT_BYTES / (8 * cross.shape[1] ** 2):
+                kept.clear()
+            kept[key] = Eliminated(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+        return kept[key]
 
 
 class _Whole(NamedTuple):
